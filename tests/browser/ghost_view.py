@@ -18,6 +18,9 @@ def ghost_tip_mm(screen: Screen, ghost: str = NEXT) -> NDArray[np.float64] | Non
     return None if tip is None else 1000 * np.array(tip)
 
 
+ARROW_M = 0.035
+"""how far above the tool its upward arrow is taken"""
+
 _ON_SCREEN = """([name, x, y, z]) => {
   const node = window.__viserMutable.nodeRefFromName[name];
   const camera = window.__viserMutable.camera ?? window.__viserMutable.cameraControl.camera;
@@ -36,7 +39,7 @@ def arrow_px(screen: Screen, name: str, up_m: float) -> tuple[float, float]:
 def drag_tool(screen: Screen, dx: float, dy: float) -> None:
     """Drag the upward arrow at the tool by so many pixels."""
     screen.page.evaluate("document.querySelector('#webgl-software-rendering button')?.click()")
-    x, y = arrow_px(screen, "/tool", 0.035)
+    x, y = arrow_px(screen, "/tool", ARROW_M)
     mouse = screen.page.mouse
     mouse.move(x, y)
     screen.pause(300)

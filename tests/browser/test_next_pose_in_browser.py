@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from playwright.sync_api import Position, expect
-from tests.browser.ghost_view import LOOKED_AT, arrow_px, drag_tool, ghost_tip_mm, wait_for_no_ghost
+from tests.browser.ghost_view import ARROW_M, LOOKED_AT, arrow_px, drag_tool, ghost_tip_mm, wait_for_no_ghost
 from tests.browser.kit import Screen, Screens
 from tests.browser.served_arm import HOME, ServedArm
 
 from armctl.facts import State
-from armctl.program import MoveStep, WaitStep
+from armctl.program import MoveStep, PointStep, WaitStep
 from armctl.protocol import MoveJoints
 
 pytestmark = pytest.mark.browser
@@ -65,6 +65,17 @@ def test_the_tool_is_dragged_on_any_tab_and_go_sends_exactly_what_is_drawn(
     page.wait_until(lambda: len(served.steps) == 2, "that is on the list, too")
     assert served.steps[1] == served.steps[0]
     assert page.errors == []
+
+
+def test_a_pin_of_the_program_before_an_arrow_leaves_it_to_who_drags(page: Screen, served: ServedArm) -> None:
+    x, y, z = served.tool_mm.tolist()
+    served.put_steps(PointStep(x_mm=x, y_mm=y, z_mm=z + 1000 * ARROW_M))
+    page.wait_until(lambda: page.node("/program/pin0") is not None, "the pin is drawn over the arrow")
+    drag_tool(page, 0, -40)
+    wait_for_next(page)
+    assert "dragged tool" in line(page)
+    page.page.mouse.click(*arrow_px(page, "/program/pin0", 0.0))  # a click that drags nothing is for the pin
+    page.wait_until(lambda: "step 1" in line(page), "its step is chosen")
 
 
 def test_it_outlives_a_reload_and_who_watches_sees_it_and_has_one_of_its_own(

@@ -63,8 +63,8 @@ class Bench:
     def __init__(self, server: GuardedServer) -> None:
         self.page = FakePage(server, ROBOT, HOME)
         self.page.console.last_known.drawn = lambda snapshot: snapshot.q_command
-        self.pins = np.empty((0, 3))
-        self.ring = LinkRing(self.page.session, lambda: self.pins)
+        self.taken = False
+        self.ring = LinkRing(self.page.session, lambda origin, direction: self.taken)
 
     def click(self, point: FloatArray) -> None:
         """On a place of the arm, from far off."""
@@ -89,7 +89,7 @@ def test_a_click_shows_a_ring_and_takes_it_away(server: GuardedServer) -> None:
     bench.click(bench.middle(2))
     bench.click(np.array([0.0, 0.0, 9.0]))  # beside the arm
     assert bench.ring.joint is None
-    bench.pins = bench.middle(2)[None] + np.array([1.0, 0.0, 0.2])
+    bench.taken = True
     bench.click(bench.middle(2))  # a pin stands before it
     assert bench.ring.joint is None
     for nonsense in ("", "1 2 3", "0 0 0 0 0 0 0 0", "nan 0 0 0 0 1 0 0"):

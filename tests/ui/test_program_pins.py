@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike
 from tests.ui.page_kit import FakePage
 
 from armctl.program import MoveStep, Program, Step, WaitStep
@@ -61,6 +62,19 @@ class Bench:
         for _ in range(2):
             self.page.act(lambda: self.pins.refresh(self.page.session.snapshot, shown=shown))
 
+    def click(
+        self,
+        at: ArrayLike,
+        eye: ArrayLike = (2.0, 0.3, 0.9),
+        along: ArrayLike | None = None,
+    ) -> bool:
+        """At a point [m], from ``eye`` [m], or along another ray from there; whether it was a pin's."""
+        origin = np.array(eye, dtype=np.float64)
+        ray = np.array(at, dtype=np.float64) - origin if along is None else np.array(along)
+        took: list[bool] = []
+        self.page.act(lambda: took.append(self.pins.click(origin, ray / np.linalg.norm(ray))))
+        return took[0]
+
     @property
     def drawn(self) -> int:
         return len(self.pins._nodes)
@@ -90,10 +104,23 @@ def test_a_click_selects_the_steps_of_a_place_one_after_the_other(server: Guarde
     bench.editor.select(1)
     chosen: list[int] = []
     for _ in range(3):
-        bench.page.act(lambda: bench.pins._on_pin(pins[0]))
+        assert bench.click(pins[0].point)
         chosen.append(bench.editor.selected)
         assert bench.page.next.q == pytest.approx(np.array([np.radians(20), *HOME[1:]]))
     assert chosen == [0, 2, 0]
     bench.shared.edit(program(to(20)))
-    bench.page.act(lambda: bench.pins._on_pin(pins[1]))  # its step has gone
+    assert bench.click(pins[1].point)  # its step has gone, and the pin will
     assert bench.editor.selected == 0
+
+
+def test_a_click_beside_the_pins_or_while_they_are_hidden_is_for_others(server: GuardedServer) -> None:
+    bench = Bench(server)
+    bench.shared.edit(program(to(20), to(-20)))
+    bench.see()
+    found = bench.page.console.shared(ProgramAhead).rehearsal
+    near, far = (np.array(pin.point) for pin in pins_of(ROBOT, found))
+    assert not bench.click(near + 0.03)
+    assert bench.click(far, eye=near + (near - far)) and bench.editor.selected == 0  # the nearer one
+    assert not bench.click(near, eye=2 * near - far + 9.0, along=(0.0, 0.0, 1.0))  # behind the eye
+    bench.see(shown=False)
+    assert not bench.click(near)

@@ -19,15 +19,13 @@ from armctl.robot import Robot
 from armctl.robot.body.hulls import segment_distance
 from armctl.ui.next_pose import PoseWriter
 from armctl.ui.session import Session
-from armctl.ui.tabs.manual.program_pins import pin_radius
-from armctl.ui.tabs.manual.scene_menu import pressed_point, read_ray
+from armctl.ui.tabs.manual.scene_menu import read_ray
 from armctl.ui.widgets.angle_fields import held_at
 
 _SCALE, _LINE_PX = 0.3, 4.0
 """of the reach; width of the ring"""
 _FAR = 10.0
 """times the reach: so long is the ray that is looked along"""
-_NEAR_A_PIN = 1.2
 _THERE = 1e-9
 
 
@@ -66,9 +64,9 @@ def ring_frame(robot: Robot, q: FloatArray, joint: int) -> tuple[FloatArray, Flo
 class LinkRing:
     """One page's ring; a click on the same link, or beside the arm, takes it away."""
 
-    def __init__(self, session: Session, pins: Callable[[], FloatArray]) -> None:
-        """``pins``: where pins are drawn (k, 3) [m]; a click on one is not for the arm behind it."""
-        self._session, self._pins = session, pins
+    def __init__(self, session: Session, taken: Callable[[FloatArray, FloatArray], bool]) -> None:
+        """``taken``: whether a click's ray, from (3,) [m] along (3,), was for something else."""
+        self._session, self._taken = session, taken
         self._robot = session.console.robot
         self._writer = PoseWriter(session, "")
         self._joint: int | None = None
@@ -97,9 +95,8 @@ class LinkRing:
     async def _on_click(self, _: str, value: str) -> None:
         origin, direction, _place = read_ray(value)
         session, robot = self._session, self._robot
-        pin = pressed_point(origin, direction, None, self._pins(), _NEAR_A_PIN * pin_radius(robot))
         joint = None
-        if pin is None:
+        if not self._taken(origin, direction):
             shown = session.next.shown_in(session.snapshot)
             standing = session.console.last_known.drawn(session.snapshot)
             for q in (shown, standing):  # beside the event loop: an arm with meshes may be worked out by it

@@ -1,8 +1,10 @@
-"""The program in the scene: the path of the tool, and pins where steps lead; a click on one selects it."""
+"""The program in the scene: the path of the tool, and pins where steps lead; a click on one selects it.
+
+Pins are no clickable nodes of viser's: such a node takes the pointer from all that is behind it, also from
+the arrows at the tool, which are drawn over it. Rays are looked along here instead.
+"""
 
 from __future__ import annotations
-
-from functools import partial
 
 import numpy as np
 import viser
@@ -23,6 +25,8 @@ _RADIUS = 0.014
 """of a pin, of the arm's reach"""
 _MOST_PINS, _MOST_NUMBERED = 80, 24
 _SAMPLES_A_STEP, _MOST_SAMPLES = 24, 2400
+_NEAR = 1.2
+"""of its radius: so near to a pin a click is for it"""
 _ONE_PLACE_M = 1e-3
 """steps that lead so near to each other share a pin"""
 
@@ -62,6 +66,19 @@ def pin_radius(robot: Robot) -> float:
     return _RADIUS * robot.chain.length
 
 
+def first_met(origin: FloatArray, direction: FloatArray, pins: FloatArray, radius: float) -> int | None:
+    """Which of ``pins`` (k, 3) [m] a ray passes within ``radius`` [m], the nearest first; None: none.
+
+    ``origin`` (3,) [m], ``direction`` (3,) of length 1.
+    """
+    if not len(pins):
+        return None
+    along = (pins - origin) @ direction
+    beside = np.linalg.norm(pins - origin - along[:, None] * direction, axis=1)
+    met = np.flatnonzero((along > 0.0) & (beside <= radius))
+    return int(met[along[met].argmin()]) if len(met) else None
+
+
 def path_of(robot: Robot, found: Rehearsal) -> FloatArray:
     """Where the tool passes (k, 3) [m]; no more points than can be drawn."""
     return found.tool_path(robot, min(_SAMPLES_A_STEP * len(found.steps) + 1, _MOST_SAMPLES))
@@ -78,6 +95,7 @@ class ProgramPins:
         self._path = Lines(session.client.scene, "/program/path", _COLOR, 2.0)
         self._nodes: list[viser.IcosphereHandle | viser.LabelHandle] = []
         self._drawn: Rehearsal | None = None
+        self._pins: list[Pin] = []
 
     def refresh(self, snapshot: Snapshot, *, shown: bool) -> None:
         """Draw the program as it would run from where the arm stands, or nothing."""
@@ -92,20 +110,30 @@ class ProgramPins:
         self._path.hide()
         while self._nodes:
             self._nodes.pop().remove()
+        self._pins = [] if found is None else pins_of(self._robot, found)[:_MOST_PINS]
         if found is None:
             return
         self._path.show(segments(path_of(self._robot, found)))
         scene, radius = self._session.client.scene, pin_radius(self._robot)
-        for i, pin in enumerate(pins_of(self._robot, found)[:_MOST_PINS]):
+        for i, pin in enumerate(self._pins):
             ball = scene.add_icosphere(f"/program/pin{i}", radius, _COLOR, subdivisions=2, position=pin.point)
-            self._session.on(ball.on_click, partial(self._on_pin, pin))
             self._nodes.append(ball)
             if i < _MOST_NUMBERED:
                 above = (pin.point[0], pin.point[1], pin.point[2] + 2 * radius)
                 self._nodes.append(scene.add_label(f"/program/number{i}", pin.label, position=above))
 
-    def _on_pin(self, pin: Pin) -> None:
-        """The step that leads there is selected; clicked again, the next one of those."""
+    def click(self, origin: FloatArray, direction: FloatArray) -> bool:
+        """Take a click along a ray if it meets a pin that is drawn; ``origin`` (3,) [m], ``direction`` (3,).
+
+        The step that leads there is selected; clicked again, the next one of those.
+        """
+        points = np.array([pin.point for pin in self._pins]).reshape(-1, 3)
+        met = first_met(origin, direction, points, _NEAR * pin_radius(self._robot))
+        if met is not None:
+            self._choose(self._pins[met])
+        return met is not None
+
+    def _choose(self, pin: Pin) -> None:
         rows = [row for row in pin.rows if row < len(self._shared.program.steps)]
         if rows:
             at = rows.index(self._editor.selected) + 1 if self._editor.selected in rows else 0

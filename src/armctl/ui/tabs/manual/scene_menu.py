@@ -19,7 +19,7 @@ from armctl.ui.next_pose import PoseWriter
 from armctl.ui.session import Session
 from armctl.ui.tabs.manual.program_ahead import ProgramAhead
 from armctl.ui.tabs.manual.program_editor import ProgramEditor
-from armctl.ui.tabs.manual.program_pins import Pin, pin_radius, pins_of
+from armctl.ui.tabs.manual.program_pins import Pin, first_met, pin_radius, pins_of
 from armctl.ui.widgets.html import button, fixed
 from armctl.ui.widgets.number_field import parse_numbers
 
@@ -49,12 +49,8 @@ def pressed_point(
     ``radius`` [m] the nearest one counts.
     """
     d = direction / np.linalg.norm(direction)
-    if len(pins):
-        along = (pins - origin) @ d
-        beside = np.linalg.norm(pins - origin - along[:, None] * d, axis=1)
-        met = np.flatnonzero((along > 0.0) & (beside <= radius))
-        if len(met):
-            return pins[met[along[met].argmin()]]
+    if (met := first_met(origin, d, pins, radius)) is not None:
+        return pins[met]
     if floor_z is None or abs(d[2]) < 1e-9 or (floor_z - origin[2]) / d[2] <= 0.0:
         return None
     point = origin + (floor_z - origin[2]) / d[2] * d
