@@ -487,4 +487,4 @@ def test_steps_in_words() -> None:
     assert words(SpeedStep(percent=50)) == ("speed", "50 % from here on")
     assert words(RepeatStep(times=3)) == ("repeat", "3 times")
     assert words(EndStep()) == ("end", "of the block")
-    assert words(CommentStep(note="x")) == ("#", "")
+    assert words(CommentStep(note="x")) == ("comment", "")

@@ -15,6 +15,7 @@ from armctl.errors import ArmctlError, ProgramError
 from armctl.facts import Said
 from armctl.motion import Finding
 from armctl.program import (
+    CommentStep,
     CountStep,
     ElseStep,
     EndStep,
@@ -26,7 +27,9 @@ from armctl.program import (
     PointStep,
     Program,
     RepeatStep,
+    SetStep,
     Step,
+    WaitForStep,
     WaitStep,
     WhileStep,
 )
@@ -148,7 +151,7 @@ def test_steps_are_added_from_a_menu_nested_and_opened_to_be_edited(page: ListPa
     assert "role=group" not in page.parts[PART]
     add_from_menu(page, "Decide and repeat", "While")
     add_from_menu(page, "Decide and repeat", "If")
-    add_from_menu(page, "Wait and tell", "Pause")
+    add_from_menu(page, "Wait and tell", "Wait")
     assert page.marked("armctl-fields") == [2] and "data-focus" in page.rows[2]
     page.do("step-set", f"{page.shared.keys[2]}.0", "2.5")
     add_from_menu(page, "Decide and repeat", "Else")
@@ -168,7 +171,23 @@ def test_steps_are_added_from_a_menu_nested_and_opened_to_be_edited(page: ListPa
     page.draw()
     assert "step-menu" not in page.parts[PART]
     with pytest.raises(ArmctlError, match="watching"):
-        page.do("step-add", "Wait and tell.Pause")
+        page.do("step-add", "Wait and tell.Wait")
+
+
+@pytest.mark.parametrize(
+    ("step", "label"),
+    [
+        (SetStep(output="lamp"), "Set output"),
+        (WaitForStep(watch="door", timeout_s=1), "Wait until"),
+        (WaitStep(seconds=1), "Wait"),
+        (MoveStep(joints_deg=(0, 90, 0, 0, 0)), "Record pose"),
+        (CommentStep(), "Comment"),
+    ],
+)
+def test_a_row_calls_a_step_as_the_menu_does(step: Step, label: str) -> None:
+    assert type(step).button[1] == label
+    named = label.removeprefix("Record ").lower()
+    assert f"<b role=gridcell>{named}</b>" in row_html("7", 0, step, 0)
 
 
 def test_the_fields_of_a_new_step_open_wherever_it_goes(page: ListPage) -> None:
@@ -181,7 +200,7 @@ def test_the_fields_of_a_new_step_open_wherever_it_goes(page: ListPage) -> None:
     page.do("step-done", page.shared.keys[1])
     page.do("step", 1)
     page.editor.where = PLACES[3]
-    add_from_menu(page, "Wait and tell", "Pause")
+    add_from_menu(page, "Wait and tell", "Wait")
     assert page.seconds == [1, 1, 2, 3] and page.marked("armctl-fields") == [1]
 
 

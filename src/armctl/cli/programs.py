@@ -297,7 +297,7 @@ def _step_words(progress: ProgramProgress) -> str:
     if progress.loops != 1:
         where = f"pass {progress.loop + 1}, {where}"
     inside = f" · {progress.inside}" if progress.inside else ""
-    return f"{where}: {step.title or step.kind} {words}".rstrip() + inside
+    return f"{where}: {step.title} {words}".rstrip() + inside
 
 
 # ``armctl twin``: a program as a page that plays it, for a mail or a bug report.

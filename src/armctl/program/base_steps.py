@@ -250,8 +250,6 @@ class Effect:
 class Step(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="do", kw_only=True):
     """What all steps share; in the file, ``do`` names the kind."""
 
-    title: ClassVar[str] = ""
-    """of its kind, in the list; empty: the kind's name"""
     acts: ClassVar[bool] = True
     """it is executed; comments and most markers of blocks are not"""
     divides: ClassVar[bool] = False
@@ -274,6 +272,12 @@ class Step(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="d
     def kind(self) -> str:
         """What ``do`` says in the file."""
         return str(self.__struct_config__.tag)
+
+    @property
+    def title(self) -> str:
+        """Its kind as the menu of new steps names it: in the list, on the terminal."""
+        group, label, *_ = self.button or ("", self.kind)
+        return label.removeprefix(f"{group} ").lower()
 
     @property
     def effect(self) -> Effect:

@@ -73,7 +73,6 @@ _LED = ("pitch", "pitch_deg", "orientation", "rpy_deg", "speed_mm_s", "duration_
 class MoveStep(MotionStep, frozen=True, kw_only=True, tag="move"):
     """Go to joint angles [degrees], in the order of the robot's joints."""
 
-    title: ClassVar = "pose"
     call: ClassVar = ("go_joints", "joints_deg", "duration_s", "profile", "blend_mm")
     button: ClassVar = ("Record", "Record pose", "joints_deg")
 

@@ -25,7 +25,6 @@ AtTimeout = Annotated[Otherwise, Field("At time-out", "What the program does the
 class SetStep(Step, frozen=True, kw_only=True, tag="set"):
     """Switch an output of the board: a lamp, a valve, a pump. The arm stands meanwhile."""
 
-    title: ClassVar = "set"
     words: ClassVar = "{0.output} = {0.value:g}"
     call: ClassVar = ("set_output", "output", "value")
     button: ClassVar = ("In and out", "Set output", "output")

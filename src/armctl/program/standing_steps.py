@@ -44,7 +44,7 @@ class WaitStep(Step, frozen=True, kw_only=True, tag="wait"):
 
     words: ClassVar = "{0.seconds:g} s"
     call: ClassVar = ("wait", "seconds")
-    button: ClassVar = ("Wait and tell", "Pause", "seconds")
+    button: ClassVar = ("Wait and tell", "Wait", "seconds")
 
     seconds: Annotated[Seconds, Field("Wait time s", head="wait_s")]
 

@@ -297,7 +297,7 @@ class ProgramList:
         if not (steps[row].closes or steps[row].divides):
             return ""
         begin = steps[blocks.whole(row)[0]]
-        return f"of {begin.title or begin.kind} {begin.describe()}"
+        return f"of {begin.title} {begin.describe()}"
 
     def _html(self, snapshot: Snapshot, *, running: bool, may: bool) -> str:
         head = f"<div class=armctl-head>{self._headline(snapshot, running=running)}</div>"
@@ -400,7 +400,7 @@ def row_html(key: str, row: int, step: Step, depth: int, state: RowState = _PLAI
         f"<armctl-row role=row class=armctl-step data-key={key} data-do=step "
         f"tabindex={0 if selected else -1} aria-selected={'true' if selected else 'false'}{mark}>"
         f"<i data-grip></i><span role=gridcell class=nth data-nth></span>"
-        f"<b role=gridcell>{escape(step.title or step.kind)}</b>"
+        f"<b role=gridcell>{escape(step.title)}</b>"
         f"<span role=gridcell class=does title='{title}'>{words}{note}</span>{finding}{more}</armctl-row>"
     )
 
