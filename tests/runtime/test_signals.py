@@ -198,7 +198,8 @@ def test_an_output_that_fails_keeps_no_other_from_its_own(tmp_path: Path) -> Non
 def test_a_wait_is_over_within_a_tick(bench: Bench) -> None:
     runs(bench, WaitForStep(watch="button", timeout_s=60), SetStep(output="bell"), WaitStep(seconds=1))
     bench.run(1.0)
-    assert bench.now.warnings == ("waiting for button = 1",)
+    assert bench.now.warnings == ("waiting for button = 1",) and bench.now.awaited == (0,)
+    assert "warning" not in {line.level for line in bench.now.events[-3:]}, "it is as it should be"
     bench.board.levels[BUTTON] = 0.0
     bench.run(TICK)
     assert high(bench, BELL) == [False]

@@ -7,12 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.runtime.kit import make_rig
 
 from armctl.arrays import FloatArray
 from armctl.hardware.boards import board_type
 from armctl.motion import plan_line
 from armctl.robot import Robot, load_robot
-from armctl.ui.bar import where_html
+from armctl.ui.bar import warning_lines, where_html
 from armctl.ui.tabs.manual.joints import joint_steps, rounding_note, rounding_off_m
 
 SERVO_ARMS = ("uzuner", "abaas", "mico", "humanoid")
@@ -72,3 +73,12 @@ def test_a_kept_orientation_reads_the_same_all_along_a_line() -> None:
     assert "Roll" in where_html(uzuner, uzuner.pose("home")) and "Rx" not in where_html(
         uzuner, uzuner.pose("home")
     )
+
+
+def test_what_a_program_waits_for_is_a_state_and_neither_a_fault_nor_a_warning() -> None:
+    warnings = ("the supply is low", "waiting for button = 1", "overload")
+    shown = replace(make_rig().controller.snapshot, warnings=warnings, awaited=(1,), told_by_cause=(2,))
+    assert warning_lines(shown) == [
+        "<p class='warn'>⚠ the supply is low</p>",
+        "<p class='waits'>Waiting for button = 1.</p>",
+    ]

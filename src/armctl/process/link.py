@@ -162,7 +162,7 @@ class Link:
             self._snapshot, state=State.FAULT, cause=lost, unreachable=True, powered=powered,
             q=unknown, commanded=False, program=None,
             velocity_command=still, acceleration_command=still, homing=(), warnings=(), told_by_cause=(),
-            stopped=None,
+            awaited=(), stopped=None,
             measured={}, quantities={}, levels=(), inputs={}, outputs={}, edges={}, limp=(),
         )  # fmt: skip
 

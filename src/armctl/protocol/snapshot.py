@@ -345,6 +345,8 @@ class Snapshot:
     """nobody has said since the connection that it is this one: Enable waits for ``SetTool``"""
     told_by_cause: tuple[int, ...] = ()
     """indices of the ``warnings`` that ``cause`` tells, too"""
+    awaited: tuple[int, ...] = ()
+    """indices of those that only say what a program waits for: nothing is wrong"""
     stopped: Stopped | None = None
     """whose STOP is the cause of the state; None: nobody's"""
 
@@ -362,7 +364,7 @@ class Snapshot:
 _TOLD = attrgetter(
     "state", "cause", "commanded", "source", "powered", "gripper", "part_mm", "speed", "progress", "board",
     "homing", "warnings", "levels", "control", "busy", "unreachable", "inputs", "outputs", "edges",
-    "limp", "message", "tool", "tool_unconfirmed", "told_by_cause", "stopped", "scripted",
+    "limp", "message", "tool", "tool_unconfirmed", "told_by_cause", "awaited", "stopped", "scripted",
 )  # fmt: skip
 _STILL_RAD = 1e-3
 """readings that differ by less are those of an arm that stands"""

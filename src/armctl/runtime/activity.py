@@ -81,6 +81,11 @@ class Activity(ABC):
         return self._notice
 
     @property
+    def waits(self) -> bool:
+        """Whether ``notice`` says what it waits for as it was asked to: nothing is wrong."""
+        return False
+
+    @property
     def progress(self) -> float | None:
         """Share of its time at full speed that is over, 0 ... 1; None: not known."""
         return None

@@ -259,7 +259,7 @@ class Controller:
                 AxisHoming(board.title(channel), homed, channel == running)
                 for channel, homed in reading.homing.homed.items()
             )
-        warnings, told = core.notices.current(now)
+        warnings, told, awaited = core.notices.current(now)
         self._snapshot = Snapshot(
             stamp=now,
             tick=self._tick,
@@ -283,6 +283,7 @@ class Controller:
             homing=homing,
             warnings=warnings,
             told_by_cause=told,
+            awaited=awaited,
             stopped=core.stopped,
             events=core.log.events,
             last_pose=core.poses.last,

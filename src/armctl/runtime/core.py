@@ -396,7 +396,7 @@ class Core(ArmState):
             if activity.notice is None:
                 self.notices.clear("activity")
             else:
-                self.notices.set("activity", activity.notice)
+                self.notices.set("activity", activity.notice, awaited=activity.waits)
             if activity.done and (self.stopped_by is not None or self._on_the_wire(now)):
                 self._end(activity)
             elif self._pausing and activity.standing and self.state is State.MOVING:

@@ -66,17 +66,23 @@ class MessageBoard:
 
 
 class Notices:
-    """Warnings by name, shown until they are cleared or their time is over."""
+    """Warnings by name, shown until they are cleared or their time is over; among them what is waited for."""
 
     def __init__(self, log: EventLog) -> None:
         self._log = log
         self._texts: dict[str, tuple[str, float]] = {}
         self._told = frozenset[str]()
+        self._awaited = frozenset[str]()
+        """names of those that only say what is waited for"""
 
-    def set(self, key: str, text: str, until: float = math.inf) -> None:
-        """Show ``text`` until the clock says ``until``; a new one is logged once."""
-        if key not in self._texts:
-            self._log.warn(text)
+    def set(self, key: str, text: str, until: float = math.inf, *, awaited: bool = False) -> None:
+        """Show ``text`` until the clock says ``until``; a new one is logged once.
+
+        ``awaited``: it only says what is waited for, as it was asked to; nothing is wrong.
+        """
+        if key not in self._texts or awaited is not (key in self._awaited):
+            self._log.add(text, "info" if awaited else "warning")
+        self._awaited = self._awaited | {key} if awaited else self._awaited - {key}
         self._texts[key] = (text, until)
 
     def clear(self, key: str) -> None:
@@ -95,9 +101,15 @@ class Notices:
         """The cause of the present state tells these, and no others, for as long as they are shown."""
         self._told = frozenset(keys)
 
-    def current(self, now: float) -> tuple[tuple[str, ...], tuple[int, ...]]:
-        """The texts to show at ``now``, oldest first, and indices of those that the cause tells, too."""
+    def current(self, now: float) -> tuple[tuple[str, ...], tuple[int, ...], tuple[int, ...]]:
+        """The texts to show at ``now``, oldest first.
+
+        Then the indices of those that the cause tells, too, and of those that only say what is waited for.
+        """
         self._texts = {key: shown for key, shown in self._texts.items() if shown[1] >= now}
         self._told &= self._texts.keys()  # one that comes again is news
-        told = tuple([k for k, key in enumerate(self._texts) if key in self._told]) if self._told else ()
-        return tuple([text for text, _ in self._texts.values()]), told
+        texts = tuple([text for text, _ in self._texts.values()])
+        return texts, self._places(self._told), self._places(self._awaited)
+
+    def _places(self, keys: frozenset[str]) -> tuple[int, ...]:
+        return tuple([k for k, key in enumerate(self._texts) if key in keys]) if keys else ()

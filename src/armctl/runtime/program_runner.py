@@ -82,9 +82,14 @@ class ProgramRunner(Activity):
     @property
     def notice(self) -> str | None:
         """What is waited for, or that what comes next was not planned in time."""
-        if self._until is not None and not self._until.by_person:  # that is shown as a message
+        if self._until is not None and self.waits:
             return f"waiting for {self._until.what}"
         return None if self._mover is None else self._mover.notice
+
+    @property
+    def waits(self) -> bool:
+        """For something that comes by itself; a wait for a person is shown as a message."""
+        return self._until is not None and not self._until.by_person
 
     @property
     def progress(self) -> float | None:

@@ -176,9 +176,9 @@ class ControlBar:
 
     def _alerts(self, snapshot: Snapshot, cause: str) -> str:
         """What has to be known now, the gravest first."""
-        lines = [f"<p class='bad'>⚠ {escape(with_minus(text))}</p>" for text in snapshot.more_warnings]
+        lines = warning_lines(snapshot)
         if self._asks_release and _sinks(snapshot):
-            lines.insert(0, f"<p class='bad'>⚠ {_SUPPORT}</p>")
+            lines.insert(0, f"<p class='warn'>⚠ {_SUPPORT}</p>")
         if snapshot.state is State.FAULT and cause:
             lines.insert(0, f"<p class='bad'>⚠ {escape(sentence(cause))}</p>")
         elif cause:  # where the bar has no room for it
@@ -297,6 +297,14 @@ class ControlBar:
             scene, robot = session.client.scene, session.console.robot
             self._darkened = [add_floor(scene, robot, dark=True), *repaint(scene, robot, ARM, "dark")]
         self.refresh(session.snapshot)
+
+
+def warning_lines(snapshot: Snapshot) -> list[str]:
+    """The warnings that the cause does not tell; then what a program waits for: a state, no fault."""
+    shown = [(k, text) for k, text in enumerate(snapshot.warnings) if k not in snapshot.told_by_cause]
+    waits = [f"<p class='waits'>{escape(sentence(text))}</p>" for k, text in shown if k in snapshot.awaited]
+    warned = [text for k, text in shown if k not in snapshot.awaited]
+    return [*(f"<p class='warn'>⚠ {escape(with_minus(text))}</p>" for text in warned), *waits]
 
 
 def message_html(message: Message | None, why: str | None) -> str:

@@ -131,7 +131,7 @@ class EnableControl:
     def html(self, snapshot: Snapshot) -> str:
         """What Enable will do, or what must be done before; nothing while the arm is on, or is asked for."""
         if self._question.asked:
-            return "<p class='bad'>Answer the question “Is the arm here?”, above the tabs.</p>"
+            return "<p class='warn'>Answer the question “Is the arm here?”, above the tabs.</p>"
         if snapshot.powered and snapshot.state is not State.OFF and not snapshot.limp:
             return ""
         note = enable_note(snapshot, self._session.console.robot.board, self._ports.back_on)
