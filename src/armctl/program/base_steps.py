@@ -262,10 +262,8 @@ class Step(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="d
     """the method of ``Arm`` that does the same, and the keys that are its arguments"""
     button: ClassVar[tuple[str, ...]] = ()
     """group and name by which it is put on the list, and the keys that need a value then; empty: not alone"""
-
     handles: ClassVar[bool] = False
     """it takes a part, or lets it go: by the gripper, or by an output"""
-
     note: Annotated[str, Field("Note", place=99)] = ""
 
     @property
