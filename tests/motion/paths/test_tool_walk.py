@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -54,6 +55,21 @@ def test_the_bend_is_the_derivative_of_the_slope_along_the_path(robot: Robot, mo
         assert knot.slope[-1] == 0.0 and knot.bend[-1] == 0.0
         tried += 1
     assert tried >= 3 or robot.name == "mico"
+
+
+def test_a_walk_that_comes_near_no_limit_is_the_same_with_a_push() -> None:
+    rng, felt = np.random.default_rng(7), list[bool]()
+    low, high = UZUNER.limits.T
+    for share in rng.uniform(0.2, 0.8, (12, UZUNER.n)):
+        q = low + share * (high - low)
+        task = task_of(UZUNER, q, FREE)
+        least, pushed = (
+            walk(one, q, only_inside=True, effort=StepBudget(20)) for one in (task, replace(task, push=6.0))
+        )
+        felt.append(task.nears_limits(least.knots))
+        same = [knot.q.tolist() for knot in least.knots] == [knot.q.tolist() for knot in pushed.knots]
+        assert same or felt[-1]
+    assert any(felt) and not all(felt)
 
 
 @pytest.mark.parametrize("name", ["mearm", "uarm"])

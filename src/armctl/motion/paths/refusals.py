@@ -26,7 +26,7 @@ from armctl.facts import (
 from armctl.facts.angles import DEGREE
 from armctl.kinematics import DEFAULT_STEP, Solutions, Target
 from armctl.kinematics.angles import LIMIT_TOLERANCE
-from armctl.kinematics.families.numeric.solver import LinkBound
+from armctl.kinematics.families.numeric.solver import link_bound
 from armctl.kinematics.families.whole_pose import pose_of
 from armctl.lazy_dataclass import dataclass
 from armctl.motion.clearance import stands_clear
@@ -182,7 +182,7 @@ class Attempt:
     def beyond(self) -> Reason | None:
         """Why the end of the curve is too far or too near for the links alone; None: that is not known."""
         end, title = self.curve.positions(self.curve.length), self.robot.joints[0].title
-        return LinkBound(self.robot.chain).violation(end, title)
+        return link_bound(self.robot.chain).violation(end, title)
 
     def solve(self, target: Target) -> Solutions:
         """The solutions of a target inside the limits."""

@@ -139,11 +139,9 @@ def led_at_once(
     None where it does not: then a longer one may. ``InputError``: the arm has no pitch, or too few joints.
     """
     task, pitch_asked = _task(robot, q, robot.forward(q), curve, _Turn(False, mode))
-    for tried in _tasks(robot, task, q, drifts=()):
-        path = _whole(robot, walk(tried, q, only_inside=True, effort=effort), pitch_asked, curve)
-        if path is not None:
-            return path
-    return None
+    walks = _walks(robot, task, q, effort, drifts=())
+    paths = (_whole(robot, walked, pitch_asked, curve) for walked, _ in walks)
+    return next((path for path in paths if path is not None), None)
 
 
 def led_within(
@@ -158,11 +156,9 @@ def led_within(
     turn = _checked_turn(robot, None, None, None, None)
     task, pitch_asked = _task(robot, q, robot.forward(q), curve, turn)
     own = StepBudget(min(effort.left, _TRIED_STEPS)) if task.redundant else StepBudget(effort.left, SHORTEST)
-    most, path = own.left, None
-    for tried in _tasks(robot, task, q):
-        path = _whole(robot, walk(tried, q, only_inside=True, effort=own), pitch_asked, curve)
-        if path is not None or own.left <= 0:
-            break
+    most = own.left
+    paths = (_whole(robot, walked, pitch_asked, curve) for walked, _ in _walks(robot, task, q, own))
+    path = next((path for path in paths if path is not None), None)
     effort.left -= most - own.left
     return path
 
@@ -289,13 +285,10 @@ def _best_walk(robot: Robot, task: ToolTask, q: FloatArray) -> Walk:
     """The least motion; where that fails and a joint is free, the attempt that leads farthest."""
     attempts: list[tuple[Walk, ToolTask]] = []
     effort = StepBudget(_TRIED_STEPS) if task.redundant else None
-    for tried in _tasks(robot, task, q):
-        walked = walk(tried, q, only_inside=True, effort=effort)
+    for walked, tried in _walks(robot, task, q, effort):
         if walked.complete and walked.crossing is None:
             return walked
         attempts.append((walked, tried))
-        if effort is not None and effort.left <= 0:
-            break
     best, tried = max(attempts, key=lambda one: one[0].reach)
     if effort is None and best.crossing is None:
         return best
@@ -304,21 +297,35 @@ def _best_walk(robot: Robot, task: ToolTask, q: FloatArray) -> Walk:
     return walk(tried, q, only_inside=best.crossing is None, effort=last, before=best)
 
 
-def _tasks(
-    robot: Robot, task: ToolTask, q: FloatArray, drifts: Sequence[float] = _DRIFTS
-) -> Iterator[ToolTask]:
-    """The task, and what else may be done about it with a free joint."""
-    yield task
-    if not task.redundant:
+def _walks(
+    robot: Robot, task: ToolTask, q: FloatArray, effort: StepBudget | None, drifts: Sequence[float] = _DRIFTS
+) -> Iterator[tuple[Walk, ToolTask]]:
+    """The walk of a task, and of what else may be done about it with a free joint, while an effort lasts."""
+    least = walk(task, q, only_inside=True, effort=effort)
+    yield least, task
+    if effort is None or not task.redundant:
         return
+    for tried in _others(robot, task, least, q, effort, drifts):
+        if effort.left <= 0:
+            return
+        yield walk(tried, q, only_inside=True, effort=effort), tried
+
+
+def _others(
+    robot: Robot, task: ToolTask, least: Walk, q: FloatArray, effort: StepBudget, drifts: Sequence[float]
+) -> Iterator[ToolTask]:
+    """What may be done with a free joint where the walk of the ``least`` motion does not lead on."""
     plane = robot.inverse_kinematics.plane
     if plane is not None and task.rows + 1 == len(task.moving) and task.turn is None:
         for pitch in led_pitches(robot, plane, q, task.curve):
             yield replace(task, turn=pitch)
-    else:
+        return
+    if task.nears_limits(least.knots):
         for strength in _PUSHES:
             yield replace(task, push=strength)
-        for turn, free in product(drifts, task.free_rates(q)):
-            drift = free * (turn / (task.curve.length * np.abs(free * task.speeds[task.moving]).max()))
-            for sense in (1.0, -1.0):
-                yield replace(task, push=_PUSHES[0], drift=sense * drift)
+    else:  # a push would lead the same way: these steps are counted, not made again
+        effort.left -= min(effort.left, len(_PUSHES) * sum(least.tries))
+    for turn, free in product(drifts, task.free_rates(q)):
+        drift = free * (turn / (task.curve.length * np.abs(free * task.speeds[task.moving]).max()))
+        for sense in (1.0, -1.0):
+            yield replace(task, push=_PUSHES[0], drift=sense * drift)

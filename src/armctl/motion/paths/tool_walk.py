@@ -233,7 +233,7 @@ class Knot:
 
 
 def repulsion(q: FloatArray, limits: FloatArray, strength: float) -> tuple[FloatArray, FloatArray]:
-    """(n,) smooth push dq/ds [rad/m] away from limits (n, 2), ``strength`` on the upper one, and its d/dq."""
+    """(..., n) smooth push dq/ds [rad/m] off limits (n, 2), ``strength`` on the upper one, and its d/dq."""
     low, high = limits.T
     margin = np.maximum(np.minimum(_MARGIN, 0.25 * (high - low)), 1e-6)
     near = np.maximum(1.0 - np.array([q - low, high - q]) / margin, 0.0)
@@ -288,6 +288,11 @@ class ToolTask:
     def bounds(self) -> FloatArray:
         """(n, 2) the limits, with what rounding may take [rad]."""
         return self.limits + np.array([-LIMIT_TOLERANCE, LIMIT_TOLERANCE])
+
+    def nears_limits(self, knots: Sequence[Knot]) -> bool:
+        """Whether a push away from the limits is felt anywhere."""
+        q = np.array([knot.q[self._moved] for knot in knots])
+        return len(q) > 0 and bool(repulsion(q, self.limits[self._moved], 1.0)[0].any())
 
     def deviation(self, q: FloatArray, s: FloatArray) -> FloatArray:
         """(k,) how far ``q`` (k, n) is off the curve or the turn at ``s`` (k,) (1: as far as allowed)."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from itertools import combinations, islice
 from typing import Self
 
@@ -49,6 +50,8 @@ from armctl.kinematics.target import Target
 
 _ROUNDING = 1e-9
 _ROUNDS = 60
+_ARMS = 16
+"""whose bounds are kept"""
 
 
 class LinkBound:
@@ -78,6 +81,12 @@ class LinkBound:
             if miss > _ROUNDING:
                 return OutOfBound(far, miss, length, distance, (x, y, z), first_joint)
         return None
+
+
+@lru_cache(_ARMS)
+def link_bound(chain: Chain) -> LinkBound:
+    """That of an arm: each refused line asks for it twice, and it takes 2 ms."""
+    return LinkBound(chain)
 
 
 def _shortest_polyline(points: FloatArray, axes: FloatArray, tip: FloatArray) -> FloatArray:
@@ -138,7 +147,7 @@ class NumericSolver(InverseKinematics):
     def __init__(self, chain: Chain, limits: FloatArray, energy: EnergyModel, titles: Sequence[str]) -> None:
         super().__init__(chain, limits, energy, titles, roll_joint=roll_joint(chain))
         self._arm = SolvedArm(("numeric",), chain, energy, (), limits, self.roll_joint, titles=self.titles)
-        self._bound = LinkBound(chain)
+        self._bound = link_bound(chain)
         self._reach = max(self._bound.outer, 1e-3)
         self._starts = Starts(chain, limits)
 
