@@ -12,7 +12,7 @@ from tests.ui.page_kit import FakePage
 
 from armctl.facts import State
 from armctl.robot import load_robot
-from armctl.ui.dragged_tool import DraggedTool, dragged_to
+from armctl.ui.dragged_tool import DraggedTool, dragged_near, dragged_to
 from armctl.ui.guard import GuardedServer
 
 UZUNER = load_robot("uzuner")
@@ -45,6 +45,35 @@ def test_what_is_out_of_reach_is_none_and_an_orientation_that_cannot_be_kept_is_
     assert ur5.off_rotation(kept, kept.best("least-travel", q)) is not None
     found = dragged_to(ur5, far, q)
     assert found is not None and ur5.forward(found)[:3, 3] == pytest.approx(far, abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("name", "degrees"),
+    [
+        ("uzuner", (0, 60, 0, 0, 0)),
+        ("scorbot", (20, -60, 0, 0, 0)),
+        ("so101", (-25, 15, -70, -6, -133)),
+        ("ar4", (-119, 19, -87, -160, 8, -70)),
+    ],
+)
+def test_a_stretched_arm_follows_a_tool_that_is_dragged_up_as_near_as_it_comes(
+    name: str, degrees: tuple[float, ...]
+) -> None:
+    """Every way but back is out of its reach."""
+    robot = load_robot(name)
+    q = robot.read(np.array(degrees))
+    point, began = robot.forward(q)[:3, 3], q
+    out = robot.forward(began)[:3, 3] / np.linalg.norm(robot.forward(began)[:3, 3])
+    for k in range(1, 9):
+        beyond = point + k * (0.008 * out + np.array([0.0, 0.0, 0.008]))
+        found, missed = dragged_near(robot, beyond, q)
+        assert found is not None
+        robot.check_limits(found)
+        away = float(np.linalg.norm(robot.forward(found)[:3, 3] - beyond))
+        assert away < (1e-5 if missed is None else missed.nearest_away_m + 2e-3)
+        assert np.abs(found - q).max() < 0.5  # no joint jumps
+        q = found
+    assert np.abs(q - began).max() > 0.02
 
 
 class Dragging:
@@ -81,12 +110,22 @@ def test_it_writes_the_next_pose_and_the_arrows_stand_at_its_tool(server: Guarde
     bench.drag(to)
     assert page.next.q is not None and UZUNER.forward(page.next.q)[:3, 3] == pytest.approx(to, abs=1e-6)
     assert page.next.writer is not None and page.next.writer.words == "dragged tool"
+    beyond = np.array([2.0, 0.1, 0.2])
+    nearest = UZUNER.inverse(beyond).nearest_m
+    assert nearest is not None
+    bench.drag(beyond)  # held beyond the reach: that is said at once, and once
+    bench.drag(beyond, "end")
+    assert bench.notices == ["Out of reach"] and page.next.q is not None
+    shown = UZUNER.forward(page.next.q)[:3, 3]
+    assert np.linalg.norm(shown - beyond) < np.linalg.norm(nearest - beyond) + 2e-3
+    away = 1000 * np.linalg.norm(shown - beyond)
+    assert f"dragged tool, {away:.1f} mm out of reach" in page.parts["next"]
+    assert bench.tool._arrows.position == pytest.approx(shown, abs=1e-5)  # and they come back to it
+    bench.drag(beyond, "end")
+    assert bench.notices == ["Out of reach"] * 2  # another drag
+    bench.drag(to)
+    assert "dragged tool ·" in page.parts["next"]
     kept = page.next.q
-    bench.drag(np.array([2.0, 0.0, 0.0]))  # held beyond the reach: nothing is said yet
-    assert np.array_equal(page.next.q, kept) and bench.notices == []
-    bench.drag(np.array([2.0, 0.0, 0.0]), "end")
-    assert bench.notices == ["Out of reach"]
-    assert bench.tool._arrows.position == pytest.approx(to, abs=1e-5)  # and they come back
     bench.drag(np.array([np.nan, 0.0, 0.0]))  # no page of armctl's
     assert np.array_equal(page.next.q, kept)
     bench.tool._point, bench.tool._held, bench.tool._dragged = (

@@ -1,4 +1,7 @@
-"""The arrows at the tool, on every tab: dragging them writes the next pose. The arm does not move."""
+"""The arrows at the tool, on every tab: dragging them writes the next pose. The arm does not move.
+
+Where the tool cannot follow, the next pose is the nearest one, and the page says so at once.
+"""
 
 from __future__ import annotations
 
@@ -10,18 +13,23 @@ import viser
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError
 from armctl.facts import State
-from armctl.kinematics import DEFAULT_STEP
+from armctl.kinematics import DEFAULT_STEP, Solutions
+from armctl.kinematics.families.numeric.descent import PositionGoal, come_nearest
 from armctl.protocol import Snapshot
 from armctl.robot import Robot
 from armctl.ui.events import OneAtATime
 from armctl.ui.next_pose import PoseWriter
 from armctl.ui.session import Session
+from armctl.ui.widgets.html import fixed, sentence
 
 _SCALE, _LINE_PX = 0.11, 2.0
 """of the reach; width of the arrows"""
 _COARSE_STEP = 20 * DEFAULT_STEP
 """of a joint that is free, while the tool is still dragged"""
 _THERE_M = 1e-5
+_AS_NEAR_M = 2e-3
+"""a posture that the arm comes to without a jump may be farther away by so much"""
+_WORDS = "dragged tool"
 
 
 class DraggedTool:
@@ -30,10 +38,12 @@ class DraggedTool:
     def __init__(self, session: Session) -> None:
         self._session = session
         self._robot = session.console.robot
-        self._writer = PoseWriter(session, "dragged tool")
+        self._writer = PoseWriter(session, _WORDS, kept_words=_WORDS)
         self._solving = OneAtATime(self._solve)
         self._dragged = self._held = False
         """not worked out yet; and still held"""
+        self._told_out = False
+        """that this drag leads out of reach"""
         self._point = self._tool(session.snapshot)
         self._arrows = session.client.scene.add_transform_controls(
             "/tool",
@@ -69,24 +79,56 @@ class DraggedTool:
             self._arrows.position = point
 
     async def _solve(self) -> None:
-        """Make what has the tool there the next pose; out of reach it stays where it was last."""
+        """Make what has the tool there the next pose; out of reach that which comes nearest."""
         point, done = self._point, not self._held
         if not np.isfinite(point).all():  # no page drags it there
             self._dragged = False
             return
         before = self._session.next.shown_in(self._session.snapshot)
-        q = await asyncio.to_thread(dragged_to, self._robot, point, before, done=done)
+        q, missed = await asyncio.to_thread(dragged_near, self._robot, point, before, done=done)
         if self._session.closed:
             return
+        self._tell(missed, point, q)
         if q is not None:
             self._writer.show(q)
-        elif done:
-            self._session.notify(
-                "Out of reach", "The next pose stays where the tool could be last.", "yellow"
-            )
         if done and not self._held:
+            self._told_out = False
             self._dragged = False
             self._stand(self._tool(self._session.snapshot))
+
+    def _tell(self, missed: Solutions | None, point: FloatArray, q: FloatArray | None) -> None:
+        """Say at once, and once a drag, that the tool cannot go there; the line says how far it is away."""
+        self._writer.words = _WORDS
+        if missed is not None and q is not None:
+            away = float(np.linalg.norm(self._robot.forward(q)[:3, 3] - point))
+            self._writer.words += f", {fixed(1000 * away, 1)} mm out of reach"
+        if missed is not None and not self._told_out:
+            self._told_out = True
+            why = sentence(missed.reason or "the arm cannot reach that")
+            self._session.notify("Out of reach", f"{why} The next pose is the nearest one.", "yellow")
+
+
+def dragged_near(
+    robot: Robot, point: FloatArray, before: FloatArray, *, done: bool = True
+) -> tuple[FloatArray | None, Solutions | None]:
+    """As ``dragged_to``, or with the tool as near as it comes; and why that is not there (None: it is).
+
+    Where the arm is stretched, all but the way back is out of its reach: it follows downhill from ``before``.
+    Where that ends too early, the nearest point is solved, in a posture like that one if there is one.
+    """
+    q = dragged_to(robot, point, before, done=done)
+    if q is not None:
+        return q, None
+    missed = robot.inverse(point, step=_COARSE_STEP, start=before)
+    if missed.nearest_m is None or missed.nearest_q is None:
+        return None, missed
+    chain = robot.chain
+    if chain.coupling is None:
+        q = come_nearest(chain, PositionGoal(point, chain.length), before[None], robot.limits)[0]
+        if np.linalg.norm(robot.forward(q)[:3, 3] - point) < missed.nearest_away_m + _AS_NEAR_M:
+            return q, missed
+    q = dragged_to(robot, missed.nearest_m, before, done=done)
+    return missed.nearest_q if q is None else q, missed
 
 
 def dragged_to(
