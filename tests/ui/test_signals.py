@@ -12,10 +12,11 @@ import pytest
 from tests.runtime.signal_kit import SIGNALS, VACUUM, robot_with
 from tests.ui.page_kit import FakePage
 
+from armctl.calibration import CalibrationStore
 from armctl.errors import ArmctlError, InputError
 from armctl.facts import State
 from armctl.hardware import BoardIdentity, Source
-from armctl.program import Program, WaitStep
+from armctl.program import Program, WaitStep, load_program, save_program
 from armctl.protocol import PlayInputs, SetOutput, SimulateInput
 from armctl.robot import Robot, load_robot
 from armctl.robot.signals import Input, Output
@@ -152,7 +153,13 @@ def test_a_button_and_a_lamp_are_named_and_the_program_comes_along(
     page, told, switch = page_of(server, robot), list[str](), Switch(robot)
     edited = SharedProgram("uzuner", tmp_path)
     edited.edit(Program(robot="uzuner", name="mine", steps=(WaitStep(seconds=1),)))
-    vars(page.session.console).update(shared=lambda kind: edited if kind is SharedProgram else kind(()))
+    kept = SimpleNamespace(file_robot=robot, store=CalibrationStore(tmp_path / "calibrations"))
+    vars(page.session.console).update(
+        shared=lambda kind: edited if kind is SharedProgram else kind(()), calibration=kept, files=tmp_path
+    )
+    mine_before = Program(robot="uzuner", name="wave", steps=(WaitStep(seconds=2),))
+    (tmp_path / "programs" / "uzuner").mkdir(parents=True)
+    save_program(mine_before, tmp_path / "programs" / "uzuner" / "wave.toml")
     vars(page).update(robots=switch, origin=None, notify=lambda _, text: told.append(text))
     vars(page)["reopen_arm"] = switch.reopen
     vars(page.snapshot).update(inputs={}, outputs={})
@@ -163,6 +170,8 @@ def test_a_button_and_a_lamp_are_named_and_the_program_comes_along(
     mine = load_robot("my_uzuner")
     assert mine.signals.inputs == (Input("button", "Button", 6),) and mine.title == f"My {robot.title}"
     assert switch.opened == ["my_uzuner"] and "my_uzuner.toml" in told[-1]
+    assert told[-1].endswith(f"Copied from {robot.title}, which keeps its own: 1 saved program.")
+    assert load_program(tmp_path / "programs" / "my_uzuner" / "wave.toml").robot == "my_uzuner"
     carried = switch.console.shared(SharedProgram).program
     assert (carried.robot, carried.steps) == ("my_uzuner", edited.program.steps)
 

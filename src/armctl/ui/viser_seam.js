@@ -156,8 +156,8 @@ const armctlViser = (() => {
     if (tab.getAttribute("aria-selected") === "false") tab.dispatchEvent(new KeyboardEvent("keydown", enter));
   }
 
-  // Tabs that the server has built anew begin at the first. Where the arm is the same, the one that was open among the
-  // same labels is opened: once armctl's own line, which names the arm, is `back` as well.
+  // Tabs that the server has built anew begin at the first. The one that was open among the same labels is opened, also
+  // where the arm is another one: once armctl's own line is `back` as well.
   const openIn = new Map();
   function keepTabs(back) {
     for (const list of document.querySelectorAll("#root [role=tablist]")) {
@@ -169,9 +169,9 @@ const armctlViser = (() => {
         had.seen = true; // at the next look that line knows, too, that it has ended
         continue;
       }
-      const again = anew && had.arm === document.title && tabs.find((one) => tabLabel(one) === had.label);
+      const again = anew && tabs.find((one) => tabLabel(one) === had.label);
       if (again) press(again);
-      openIn.set(key, { list, label: tabLabel(again || open), arm: document.title, seen: false });
+      openIn.set(key, { list, label: tabLabel(again || open), seen: false });
     }
   }
 

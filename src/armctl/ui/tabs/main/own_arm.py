@@ -21,6 +21,7 @@ from armctl.robot.draft import BUILDS, Draft
 from armctl.robot.load import across_the_link
 from armctl.robot.look.rows import MAKES, MakeName
 from armctl.robot.parts import Hand
+from armctl.ui.own_copy import taken_along
 from armctl.ui.robot_switch import RobotChoice
 from armctl.ui.scene.arm_model import HALF_OPEN, ArmFigure
 from armctl.ui.session import Session
@@ -170,7 +171,7 @@ class OwnArm:
         self._name = gui.add_text("File name", self._named)
         self._floor = NumberField(gui, "Floor mm", 0.0, hint="Height of the floor in the base frame.")
         self._gripper = gui.add_text("Gripper channel", "", hint=_GRIPPER_HINT)
-        save = gui.add_button("Save and open", icon=viser.Icon.DEVICE_FLOPPY, color="green")
+        save = gui.add_button("Save and open", icon=viser.Icon.DEVICE_FLOPPY)
         download = gui.add_button("Download robot file", icon=viser.Icon.DOWNLOAD, color="gray")
         session.needs(None, save, also=lambda _: self._wrong)
         session.needs(None, download, also=lambda _: self._wrong, told=False, anyone=True)
@@ -208,9 +209,7 @@ class OwnArm:
             self._status.show("".join(refused(sentence(one.reason)) for one in refusal.each or (refusal,)))
             return
         self._wrong = None
-        how = (
-            "every solution in closed form" if solver.complete else "solutions by search, some may be missing"
-        )
+        how = "every solution in closed form" if solver.complete else "solutions by search, maybe not all"
         note = across_the_link(robot.chain)
         x, y, z = np.round(1000 * robot.forward(self._pose_of(robot))[:3, 3], 1) + 0.0
         self._status.show(
@@ -420,9 +419,9 @@ class OwnArm:
         session.require_operator()
         draft = self._checked()
         path = await asyncio.to_thread(draft.save)
-        choice = RobotChoice(draft.name, str(draft.table["title"]))
-        session.robots.offer(choice)
-        session.notify("New arm", f"{choice.title} is saved: {path}")
+        along = await taken_along(session.console, draft.robot()) if self._kind.value == _COPY else ""
+        session.robots.offer(choice := RobotChoice(draft.name, str(draft.table["title"])))
+        session.notify("New arm", f"{choice.title} is saved: {path}. {along}".strip())
         self._end()  # before the page is built anew
         await session.change_robot(choice.name)
 

@@ -25,6 +25,7 @@ from armctl.robot.load import is_urdf
 from armctl.robot.parts import spoken
 from armctl.robot.signals import ON, Input, Output
 from armctl.ui.console import Console
+from armctl.ui.own_copy import taken_along
 from armctl.ui.robot_switch import RobotChoice, not_replaceable
 from armctl.ui.session import Session
 from armctl.ui.tabs.manual.shared_program import SharedProgram
@@ -183,8 +184,8 @@ _LAST_CHANNEL = 63
 _CHANNEL_HINT = "Of the board: the channel of a Maestro, the pin of an Arduino. None that drives a joint."
 _LOW_HINT = "Its pin is low while it is on, as that of a button to ground is."
 _COPIED = (
-    "This arm's file is one of armctl's own, so a copy of it is saved as an arm of yours, and opened. The "
-    "program on the list comes along; saved programs and a calibration stay with the arm that it is now."
+    "This arm's file is one of armctl's own, so a copy of it is saved as an arm of yours, and opened. It "
+    "gets copies of programs, drawings and calibrations; the arm that it is now keeps its own."
 )
 _OF_URDF = "Name them in the side file of this arm, NAME.armctl.toml: tables [[inputs]] and [[outputs]]."
 
@@ -262,10 +263,12 @@ class NewSignal:
         draft = with_signal(draft, what, self._title.value, channel, active_low=self._low.value)
         path = await asyncio.to_thread(draft.save, replace_old=self._own)
         said = f"{self._title.value} is saved in {path}; the arm is opened anew."
-        session.notify("Inputs and outputs", said)
         if self._own:
+            session.notify("Inputs and outputs", said)
             await session.reopen_arm()
             return
+        came = await taken_along(session.console, draft.robot())
+        session.notify("Inputs and outputs", f"{said} {came}".strip())
         program, robots = session.console.shared(SharedProgram).program, session.robots
         robots.offer(RobotChoice(draft.name, str(draft.table["title"])))
         await robots.change(draft.name, session.origin, session.require_operator)
