@@ -17,6 +17,7 @@ from tests.browser.served_arm import HOME, ServedArm
 from armctl.facts import State
 from armctl.program import MoveStep, PointStep, WaitStep
 from armctl.protocol import MoveJoints
+from armctl.ui.guard.parts import Parts
 
 pytestmark = pytest.mark.browser
 TAB = "Manual"
@@ -76,6 +77,16 @@ def test_a_pin_of_the_program_before_an_arrow_leaves_it_to_who_drags(page: Scree
     assert "dragged tool" in line(page)
     page.page.mouse.click(*arrow_px(page, "/program/pin0", 0.0))  # a click that drags nothing is for the pin
     page.wait_until(lambda: "step 1" in line(page), "its step is chosen")
+
+
+def test_what_is_pressed_as_the_line_is_lost_is_said_to_be_in_doubt(page: Screen, served: ServedArm) -> None:
+    """Nobody presses Enable, waits, and wonders."""
+    (shown,) = vars(served.app)["_pages"].values()
+    parts: Parts = shown.session.parts
+    parts.on("record", lambda _: served.app.server.part_lines.unlink(parts))  # before it is answered
+    page.click("Record")
+    page.wait_for_text(re.compile("may not have arrived"))
+    assert served.steps == ()
 
 
 def test_it_outlives_a_reload_and_who_watches_sees_it_and_has_one_of_its_own(

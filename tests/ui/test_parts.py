@@ -200,6 +200,23 @@ def test_a_page_with_another_arm_gets_its_parts_on_a_new_line(server: GuardedSer
     assert before.empty()
 
 
+def test_a_page_that_is_loaded_anew_presses_nothing_of_the_one_before(server: GuardedServer) -> None:
+    """The server has not heard yet that the old one has gone; its end would stop what was begun there."""
+    _, before = parts_of(server, "of the old page")
+    with line(server) as old:
+        old.send(json.dumps({"page": PAGE, "load": "1"}))
+        assert hear(old) == {"ways": "of the old page"}
+    with line(server) as again:  # the same page, whose line was lost
+        again.send(json.dumps({"page": PAGE, "load": "1"}))
+        assert hear(again) == {"ways": "of the old page"}
+    with line(server) as new:
+        new.send(json.dumps({"page": PAGE, "load": "2"}))
+        new.send(json.dumps({"do": "way", "key": "1"}))
+        _, chosen = parts_of(server, "of the new page")
+        assert hear(new) == {"ways": "of the new page"}
+        assert chosen.get(timeout=PATIENCE_S) == "1" and before.empty()
+
+
 def test_the_newer_of_two_lines_with_one_name_is_the_page_s(server: GuardedServer) -> None:
     _, chosen = parts_of(server, "mine")
     with line(server) as old, line(server) as new:

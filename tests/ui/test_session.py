@@ -144,6 +144,7 @@ class Bench:
             {"control": Control((replace(ME, operates=False), OTHER))},
             "this page is watching, Bob operates; press 'Take control' first",
         ),
+        (Need.HOLDING, {"control": Control((OTHER,))}, "this page has just come; wait a moment"),
     ],
 )
 def test_why_a_control_cannot_be_used(

@@ -201,6 +201,8 @@ class Session:
         if self.robots.opening is not None:
             return f"the robot is being changed for {self.robots.opening.title}; wait a moment"
         if not (snapshot.control.operates(self.me) or self.console.controller.ended):
+            if snapshot.control.party(self.me) is None and not snapshot.unreachable:
+                return "this page has just come; wait a moment"
             return f"this page is watching, {self.operator} operates; press 'Take control' first"
         if arm is None:
             return None

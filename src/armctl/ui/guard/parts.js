@@ -16,7 +16,9 @@
   const texts = new Map(); // the newest HTML of each part
   const lists = new Map(); // of each list: the order of its rows, the HTML of each, and which have changed
   let line = null;
+  const load = crypto.getRandomValues(new Uint32Array(2)).join(" "); // a page that is loaded anew keeps its name
   let unanswered = 0; // how much of what was told the server has not done yet
+  let press = { left: 0, at: 0 }; // how much of that up to the last button, and when that was
   let retry = RETRY_MS[0];
 
   // The line: one websocket beside viser's.
@@ -24,7 +26,7 @@
     line = new WebSocket(`${location.protocol.replace("http", "ws")}//${location.host}/page`);
     line.onopen = () => {
       unanswered = 0;
-      tell({ page: armctlPage });
+      tell({ page: armctlPage, load });
     };
     line.onmessage = ({ data }) => {
       retry = RETRY_MS[0];
@@ -32,6 +34,8 @@
       hear(JSON.parse(data));
     };
     line.onclose = () => {
+      if (press.left > 0 && performance.now() - press.at < WHY_MS) sayWhy(LOST);
+      press.left = 0;
       document.documentElement.setAttribute("data-armctl-parts-old", "");
       texts.clear(); // of another arm, it may be
       lists.clear();
@@ -49,6 +53,7 @@
   globalThis.armctlTell = (said) => (said ? tell(said) : line.readyState === WebSocket.OPEN);
   function hear({ parts, rows = {}, done }) {
     unanswered -= done;
+    press.left -= done;
     for (const [name, { order, html }] of Object.entries(rows)) {
       const list = lists.get(name) ?? { order: [], html: new Map(), changed: new Set(), moved: true };
       lists.set(name, list);
@@ -211,12 +216,14 @@
   const near = (event, selector) => (event.target instanceof Element ? event.target.closest(selector) : null);
   const keyOf = (element) => element.dataset.key ?? "";
   function act(element) {
-    if (element.getAttribute("aria-disabled") !== "true") tell({ do: element.dataset.do, key: keyOf(element) });
-    else sayWhy(element.title);
+    if (element.getAttribute("aria-disabled") === "true") sayWhy(element.title);
+    else if (tell({ do: element.dataset.do, key: keyOf(element) })) press = { left: unanswered, at: performance.now() };
+    else sayWhy(LOST);
   }
 
   // Why something cannot be pressed: a finger sees no title.
   const WHY_MS = 5000;
+  const LOST = "The page lost its line to armctl: what was pressed last may not have arrived. Look at the arm, then press it again.";
   let saidWhy = 0;
   function sayWhy(text) {
     const place = document.getElementById("armctl-why");

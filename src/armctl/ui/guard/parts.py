@@ -7,9 +7,10 @@ all.
 
 A long list is a part's element ``data-rows=name``. Its rows travel by key: one that changes is sent alone.
 
-A page sends ``{"page": name}`` once, with the name that it gave itself (``overlay.js``), then ``{"do": what,
-"key": of which, "value": as typed}``. It gets ``{"parts": {name: html}, "rows": {name: {"order": keys,
-"html": {key: html}}}, "done": number}`` with what has changed, and how much of what was done is in it.
+A page sends ``{"page": name, "load": which}`` once, with the name that it gave itself (``overlay.js``) and
+one for each time that it is loaded, then ``{"do": what, "key": of which, "value": as typed}``. It gets
+``{"parts": {name: html}, "rows": {name: {"order": keys, "html": {key: html}}}, "done": number}`` with what
+has changed, and how much of what was done is in it.
 """
 
 from __future__ import annotations
@@ -44,6 +45,7 @@ class _Said(msgspec.Struct, forbid_unknown_fields=True):
     """One message of a page."""
 
     page: _Name | None = None
+    load: _Name = ""
     do: _Name = ""
     key: _Name = ""
     value: Annotated[str, msgspec.Meta(max_length=MOST_TYPED)] = ""
@@ -199,11 +201,14 @@ class PartLines:
         self._parts: dict[str, Parts] = {}
         """by the name that the page gave itself"""
         self._lines: dict[str, ServerConnection] = {}
+        self._loads: dict[str, str] = {}
+        """by page, which time of its being loaded its parts are of, once that has a line"""
         self._linked = asyncio.Event()
 
     def link(self, page: str, parts: Parts) -> None:
         """These are the parts of ``page`` from now on. A line with others ends; the page opens a new one."""
         self._end(page)
+        self._loads.pop(page, None)
         self._parts[page] = parts
         self._linked.set()
         self._linked = asyncio.Event()
@@ -212,6 +217,7 @@ class PartLines:
         """These are the parts of no page any more."""
         for page in [page for page, one in self._parts.items() if one is parts]:
             del self._parts[page]
+            self._loads.pop(page, None)
             self._end(page)
 
     def _end(self, page: str) -> None:
@@ -219,15 +225,21 @@ class PartLines:
             line.transport.abort()
 
     async def handle(self, line: ServerConnection) -> None:
-        """Serve a line that the web server has let in, until it ends. What is done there waits its turn."""
+        """Serve a line that the web server has let in, until it ends. What is done there waits its turn.
+
+        A page that is loaded anew keeps its name. On a busy computer its line may be here before anybody
+        knows that the page before it has gone: the parts are that one's, and what is pressed ends with it.
+        """
         gauge = _Gauge(asyncio.get_running_loop().time)
         with suppress(ConnectionClosed):
             try:
                 async with asyncio.timeout(_UNKNOWN_S):
-                    page = _said(await line.recv()).page or ""
-                    while page not in self._parts:
+                    begun = _said(await line.recv())
+                    page = begun.page or ""
+                    while page not in self._parts or self._loads.get(page, begun.load) != begun.load:
                         await self._linked.wait()
                 self._end(page)
+                self._loads[page] = begun.load
                 parts, self._lines[page] = self._parts[page], line
                 answered = _Count()
                 telling = asyncio.create_task(parts.tell(line.send, answered.take))
