@@ -116,7 +116,7 @@ class ControlBar:
 
     def _bar(self, snapshot: Snapshot, cause: str, source: str) -> str:
         """``cause`` of the state; ``source`` of the position that is shown."""
-        session, robot = self._session, self._session.console.robot
+        session, robot, shown = self._session, self._session.console.robot, source.partition(";")[0]
         state = (
             f"<div class='state {snapshot.state.value}' role='status'>"
             f"<b>{escape(capitals(state_words(snapshot.state)))}</b>"
@@ -154,7 +154,7 @@ class ControlBar:
             f"{state}<div class='power'>{on}{off}</div>{hold}{self._speed(snapshot)}"
             f"<div class='who'><span>Operator: <b>{escape(session.operator)}</b></span>{second}</div>"
             f"<div class='what'><b>{escape(robot.title)}</b>"
-            f"<span title='Position shown: {escape(source)}'>Position shown: {escape(source)}</span></div>"
+            f"<span title='Position shown: {escape(source)}'>Position shown: {escape(shown)}</span></div>"
             f"{theme}{self._help()}{marks}"
         )
 

@@ -86,8 +86,8 @@ _TEST_NOTE = (
     "this, press Revert."
 )
 _SAVE_NOTE = (
-    "Saving closes the board and opens it again. If the Timeout of a Maestro ends meanwhile, its servos go "
-    "off: keep clear."
+    "Saving closes the board and opens it again. A board that switches its outputs off meanwhile lets the "
+    "arm drop: keep clear."
 )
 _LOAD_HINT = (
     "What the arm carries at the tool point while it works: the sag that it causes is corrected. Setting it "

@@ -17,7 +17,7 @@ from armctl.facts import Need, State, say
 from armctl.program import DrawStep, Program
 from armctl.program.draw_step import FASTEST_MM_S, HIGHEST_LIFT_MM, WIDEST_MM
 from armctl.program.edit import PLACES, add
-from armctl.protocol import RunProgram
+from armctl.protocol import RunProgram, Snapshot
 from armctl.ui.scene.ghost import Lines, segments
 from armctl.ui.session import Session
 from armctl.ui.tabs.manual.jog import SLOW_MM_S, ToolJog, ToolSteps
@@ -72,13 +72,24 @@ class DrawingForm:
         self._left_out = Lines(scene, "/drawing/left_out", _LEFT_OUT, 3.0)
         self._plane = Lines(scene, "/drawing/plane", _PLANE, 2.0)
         session.needs(None, self._upload, touch, told=False)
-        session.needs(None, look, told=False, anyone=True)
-        session.needs(Need.HOLDING, use)
+        session.needs(None, look, told=False, anyone=True, also=self._lacks)
+        session.needs(Need.HOLDING, use, also=self._lacks)
         session.on(self._upload.on_upload, self._on_upload)
         session.on(touch.on_click, lambda: self._on_touch(touch.value))
         session.on(look.on_click, lambda: self._on_fit() if look.value == _FIT else self._show())
         session.on(use.on_click, lambda: self._on_draw() if use.value == _DRAW else self._on_add())
         self._tell_plane()
+
+    def _lacks(self, _: Snapshot) -> str | None:
+        """What there must be before anything can be shown or drawn."""
+        if self._file is None:
+            return "choose a drawing first"
+        return f"touch {', '.join(self._missing)} first" if self._missing else None
+
+    @property
+    def _missing(self) -> list[str]:
+        """Of the plane, what is not touched yet."""
+        return [name for name in _TOUCHES[:-1] if name not in self._touched]
 
     async def _on_upload(self) -> None:
         """Keep the file beside the programs, so that a saved program finds it."""
@@ -121,15 +132,14 @@ class DrawingForm:
     def _tell_plane(self) -> None:
         rows = [f"{name} ({numbers(point, 1)})" for name, point in self._touched.items()]
         rows += [f"{len(self._more)} more"] * bool(self._more)
-        missing = [name for name in _TOUCHES[:-1] if name not in self._touched]
+        missing = self._missing
         text = f"Touched: {', '.join(rows)} mm." if rows else ""
         left = f"{text} Still to touch: {', '.join(missing)}. {_WHERE}"
         self._plane_said.show(muted(left if missing else text))
 
     def _points(self) -> list[float]:
-        missing = [name for name in _TOUCHES[:-1] if name not in self._touched]
-        if missing:
-            raise InputError(f"the plane is not known yet; touch {', '.join(missing)}")
+        if self._missing:
+            raise InputError(f"the plane is not known yet; touch {', '.join(self._missing)}")
         points = [*(self._touched[name] for name in _TOUCHES[:-1]), *self._more]
         return [value for point in points for value in point]
 

@@ -13,6 +13,7 @@ from armctl.kinematics import quaternion_wxyz
 from armctl.program import FrameStep, Program, UserFrame
 from armctl.program.edit import PLACES, add, delete_frame, put_frame, rename_frame
 from armctl.program.frames import BASE, turn_errors
+from armctl.protocol import Snapshot
 from armctl.ui.session import Session
 from armctl.ui.tabs.manual.new_step import Point, present_pose_deg, tool_point_mm
 from armctl.ui.tabs.manual.program_editor import ProgramEditor
@@ -56,7 +57,8 @@ class FrameForm:
         use = gui.add_button_group("Chosen frame", (ADD, RENAME, DELETE))
         self._list = LiveHtml(gui)
         LiveHtml(gui, muted(_NOTE))
-        session.needs(None, touch, use, told=False)
+        session.needs(None, touch, told=False)
+        session.needs(None, use, also=self._lacks)
         session.on(self._chosen.on_update, self._on_chosen)
         session.on(touch.on_click, lambda: self._on_touch(touch.value))
         session.on(use.on_click, lambda: self._on_use(use.value))
@@ -77,6 +79,9 @@ class FrameForm:
             self._drawn = dict(frames)
             self._draw()
         self._tell()
+
+    def _lacks(self, _: Snapshot) -> str | None:
+        return "choose a frame that was touched, or touch a new one" if self._chosen.value == NEW else None
 
     def _choices(self) -> tuple[str, ...]:
         return (NEW, BASE, *self._shared.program.frames)

@@ -140,7 +140,8 @@ def rounding_note(robot: Robot, q: FloatArray) -> str:
         return ""
     low, high = (fixed(float(step), 3) for step in (turning.min(), turning.max()))
     span = f"{low}°" if low == high else f"{low} … {high}°"
-    servo = f"Servo steps of {span} ({board.scale.step:g} {board.scale.unit})"
+    unit = "step" if (board.scale.step, board.scale.unit) == (1, "steps") else board.scale.unit
+    servo = f"Servo steps of {span} ({board.scale.step:g} {unit})"
     what = f"Encoder steps of {span} (1 count)" if board.homing else servo
     off = fixed(1000 * rounding_off_m(robot, q), 2)
     return muted(f"{what}: the tool may stop up to {off} mm beside its target.")
