@@ -28,7 +28,7 @@ FOLDERS = {
     "protocol": (5, 1_250),
     "robot": (44, 12_150),  # tools of a URDF arm
     "runtime": (27, 6_600),  # joints let down, messages, which warnings a cause tells, tools
-    "ui": (102, 23_500),  # the tool in steps, a point touched again, what a copy of an arm takes along
+    "ui": (103, 23_600),  # the tool in steps, a point touched again, what a copy of an arm takes along
 }
 """files and lines, at most"""
 _HOW = "make it smaller, or raise its number in test_budgets.py and say in the commit what a user got for it"

@@ -44,7 +44,7 @@ _PATH_POINTS = 48
 _LINE = "next"
 _NONE = "there is no next pose yet"
 _CHANGED = "the next pose has just changed; look at it, then press again"
-_HOW = "Move a slider, type a point, or choose a way to it."
+_HOW = "Move a slider, or type a point."
 
 Movement = tuple[Profile, float | None]
 """profile, and duration [s]; None: the shortest"""

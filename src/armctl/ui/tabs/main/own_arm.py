@@ -25,12 +25,12 @@ from armctl.ui.own_copy import taken_along
 from armctl.ui.robot_switch import RobotChoice
 from armctl.ui.scene.arm_model import HALF_OPEN, ArmFigure
 from armctl.ui.session import Session
+from armctl.ui.tabs.main.arm_lengths import ROWS_HINT, LengthLabels, rows_of
 from armctl.ui.widgets.html import LiveHtml, folded, muted, refused, sentence, warned
 from armctl.ui.widgets.number_field import NumberField, field_grid, parse_number
 
 _ROWS, _COPY = "DH rows", "A copy of the present robot"
 _BEGINNINGS = {build.title: build for build in BUILDS}
-_ROWS_HINT = "One row a line: a mm, alpha °, d mm, theta °, then the joint's name (none: a fixed row)."
 _EXAMPLE = "0 90 80 0 base\n120 0 0 0 shoulder\n110 0 0 0 elbow\n0 90 0 90 wrist\n0 0 90 0 roll"
 _INTRO = "Describe an arm. It is drawn beside the present one. Once it is saved, the list Robot has it."
 _JOINTS_HINT = (
@@ -53,6 +53,7 @@ _MOTORS_HINT = "What turns its joints: it is drawn, and taken for its body, as w
 _HAND_HINT = "What is drawn at the tool point: jaws where it has a gripper, else a tip."
 _NO_JOINTS: tuple[str, ...] = ("base",)
 """until an arm is drawn"""
+_ROOT = "/new-arm"
 _ASIDE = 1.1
 """how far beside the present arm the new one is drawn, times the longer reach of both"""
 _LOOK_AGAIN = 0.2
@@ -100,6 +101,7 @@ class OwnArm:
         self._session, self._edits = session, _Edits()
         self._robot: Robot | None = None
         self._figure: ArmFigure | None = None
+        self._written = LengthLabels(session.client.scene, _ROOT)
         self._wrong: str | None = None
         """why what the fields say is no arm"""
         self._looked_aside = 0.0
@@ -124,8 +126,8 @@ class OwnArm:
                 self._rows_box = gui.add_folder(None, visible=False)
                 with self._rows_box:
                     self._convention = gui.add_dropdown("Convention", ("standard", "modified"))
-                    self._rows = gui.add_text("Rows", _EXAMPLE, multiline=True, hint=_ROWS_HINT)
-                    LiveHtml(gui, muted(_ROWS_HINT))
+                    self._rows = gui.add_text("Rows", _EXAMPLE, multiline=True, hint=ROWS_HINT)
+                    LiveHtml(gui, muted(ROWS_HINT))
                 self._motors = gui.add_dropdown("Motors", tuple(_MOTORS), hint=_MOTORS_HINT)
                 self._hand = gui.add_dropdown("Hand", tuple(_HANDS), hint=_HAND_HINT)
             with steps.add_tab("2 Joints"):
@@ -227,6 +229,15 @@ class OwnArm:
             self._fill_joint()
         if self._figure is not None:
             self._figure.pose(self._pose_of(robot), HALF_OPEN)
+            self._write_lengths(robot)
+
+    def _write_lengths(self, robot: Robot) -> None:
+        build = _BEGINNINGS.get(self._kind.value)
+        if build is None or self._wrong is not None:
+            self._written.clear()
+        else:
+            lengths = {key: one.value for key, one in self._lengths.items()}
+            self._written.show(build, lengths, robot, self._pose_of(robot))
 
     def _pose_of(self, robot: Robot) -> FloatArray:
         """(n,) the pose that is drawn [rad]; it may be outside the limits, which are being sought."""
@@ -235,7 +246,7 @@ class OwnArm:
 
     def _draw(self, robot: Robot) -> None:
         self._erase()
-        self._figure = ArmFigure(self._session.client.scene, robot, "/new-arm", theme=self._session.theme)
+        self._figure = ArmFigure(self._session.client.scene, robot, _ROOT, theme=self._session.theme)
         aside = _ASIDE * max(robot.chain.length, self._session.console.robot.chain.length)
         self._figure.root.position = (0.0, -aside, 0.0)  # towards the camera
         if abs(aside - self._looked_aside) > _LOOK_AGAIN * aside:
@@ -247,8 +258,10 @@ class OwnArm:
         if self._figure is not None and self._robot is not None:
             self._draw(self._robot)
             self._figure.pose(self._pose_of(self._robot), HALF_OPEN)
+            self._write_lengths(self._robot)
 
     def _erase(self) -> None:
+        self._written.clear()
         if self._figure is not None:
             self._figure.root.remove()
             self._figure = None
@@ -424,26 +437,3 @@ class OwnArm:
         session.notify("New arm", f"{choice.title} is saved: {path}. {along}".strip())
         self._end()  # before the page is built anew
         await session.change_robot(choice.name)
-
-
-def rows_of(text: str) -> list[dict[str, object]]:
-    """DH rows of lines ``a alpha d theta joint`` [mm, degrees]. Raises ``InputError`` with the line."""
-    rows: list[dict[str, object]] = []
-    for number, line in enumerate(text.splitlines(), 1):
-        parts = line.partition("#")[0].replace(",", " ").replace(";", " ").split()
-        if not parts:
-            continue
-        if len(parts) not in (4, 5):
-            raise InputError(
-                f"row {number}: four numbers and a joint's name are needed, got {len(parts)} words"
-            )
-        keys = ("a_mm", "alpha_deg", "d_mm", "theta_deg")
-        row: dict[str, object] = {
-            key: parse_number(part, f"row {number}, {key}") for key, part in zip(keys, parts, strict=False)
-        }
-        if len(parts) == 5:
-            row["joint"] = parts[4].lower()
-        rows.append(row)
-    if not rows:
-        raise InputError(f"there is no row yet; {_ROWS_HINT}")
-    return rows
