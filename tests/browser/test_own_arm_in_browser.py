@@ -38,7 +38,15 @@ def page(served: ServedArm, screens: Screens) -> Screen:
 def opened(page: Screen, served: ServedArm, name: str) -> None:
     page.wait_until(lambda: served.robot.name == name, f"{name} is the present robot")
     page.wait_until(lambda: served.now.state is State.OFF, "it is connected")
-    page.wait_until(lambda: page.value("Robot") == served.robot.title, "the list shows it")
+
+    def listed() -> bool:
+        """The tab in which it was saved is opened again, once."""
+        if page.tab("Arm").get_attribute("aria-selected") != "true":
+            page.press(page.tab("Arm"))
+            return False
+        return page.value("Robot") == served.robot.title
+
+    page.wait_until(listed, "the list shows it")
 
 
 def test_a_file_with_two_tools_asks_which_one_and_a_palletiser_is_made_from_its_lengths(
@@ -137,6 +145,17 @@ def test_a_copy_keeps_what_is_not_edited_and_wrong_rows_are_not_saved(
     page.click("Discard")
     assert served.robot.name == "twin"
     assert [file.name for file in user_robots_folder().iterdir()] == ["twin.toml"]
+
+
+def test_the_tabs_that_are_open_stay_where_an_arm_s_own_copy_is_opened(
+    page: Screen, served: ServedArm
+) -> None:
+    page.open_tab("Manual", "In & out")
+    page.click("Add it to the arm")
+    page.wait_until(lambda: served.robot.name == "my_uzuner", "the copy is open")
+    page.wait_for_text("Button")
+    for tab in ("Manual", "In & out"):
+        expect(page.tab(tab)).to_have_attribute("aria-selected", "true")
 
 
 def test_servos_whose_channels_are_found(page: Screen, served: ServedArm) -> None:

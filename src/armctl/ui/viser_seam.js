@@ -157,7 +157,7 @@ const armctlViser = (() => {
   }
 
   // Tabs that the server has built anew begin at the first. The one that was open among the same labels is opened, also
-  // where the arm is another one: once armctl's own line is `back` as well.
+  // where the arm is another one: once armctl's own line is `back` as well. Numbered steps begin at the first anyway.
   const openIn = new Map();
   function keepTabs(back) {
     for (const list of document.querySelectorAll("#root [role=tablist]")) {
@@ -169,7 +169,7 @@ const armctlViser = (() => {
         had.seen = true; // at the next look that line knows, too, that it has ended
         continue;
       }
-      const again = anew && tabs.find((one) => tabLabel(one) === had.label);
+      const again = anew && !/^\d/.test(key) && tabs.find((one) => tabLabel(one) === had.label);
       if (again) press(again);
       openIn.set(key, { list, label: tabLabel(again || open), seen: false });
     }
