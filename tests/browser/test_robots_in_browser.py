@@ -150,7 +150,7 @@ def test_each_robot_brings_its_fields_limits_and_figure_and_moves(page: Screen, 
         page.wait_until(lambda: across(control) == place, "the panel stands where it stood")
         expect(page.page).to_have_title(f"armctl – {TITLES[name]}", timeout=PATIENCE_MS)
         page.screenshot(f"robot-{name}-main")
-        page.open_tab("Manual")
+        page.open_tab("Manual", "Joints")
         for joint, (low, high) in zip(served.robot.joints, np.degrees(served.robot.limits), strict=True):
             if low == high:
                 assert page.value(f"{joint.title} °") == "held at 0°", name
