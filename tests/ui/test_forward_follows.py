@@ -12,12 +12,14 @@ from tests.ui.page_kit import FakePage
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError
 from armctl.facts import State
+from armctl.kinematics import Target
 from armctl.protocol import MoveJoints
-from armctl.robot import load_robot
+from armctl.robot import Robot, load_robot
 from armctl.ui.guard import GuardedServer
 from armctl.ui.next_pose import PoseWriter
+from armctl.ui.tabs.forward import screen as forward_screen
 from armctl.ui.tabs.forward.figures import LAST, REFERENCE, SHOWN
-from armctl.ui.tabs.forward.screen import ForwardScreen
+from armctl.ui.tabs.forward.screen import CoupledJoints, ForwardScreen
 from armctl.ui.widgets import number_field
 
 ROBOT = load_robot("uzuner")
@@ -200,3 +202,22 @@ def test_a_pose_out_of_reach_is_told_in_place_of_figures_and_velocities(
     bench.page.put("Fill with", "home")
     bench.refresh()
     assert told not in bench.page.html and "tool turns °/s" in bench.page.html
+
+
+def test_what_is_typed_before_the_tab_has_heard_of_a_motion_is_not_written_over(
+    server: GuardedServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The pose is still being solved when the fields would follow the arm for the first time."""
+    bench, solve, solved = Bench(server, 3), forward_screen.coupled_joints, list[Target]()
+    bench.present = bench.present + np.radians([20.0, -5.0, 5.0, 0.0, 0.0])
+
+    def solve_late(robot: Robot, target: Target, before: FloatArray) -> CoupledJoints:
+        bench.refresh()
+        solved.append(target)
+        return solve(robot, target, before)
+
+    monkeypatch.setattr(forward_screen, "coupled_joints", solve_late)
+    bench.page.put("X mm", "150")
+    bench.refresh()
+    assert [1000 * target.position[0] for target in solved] == [150.0]
+    assert bench.screen._coupling.pose.xyz.fields[0].text == "150"

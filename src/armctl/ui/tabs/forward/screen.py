@@ -156,7 +156,8 @@ class ForwardScreen:
 
     def _draw(self, snapshot: Snapshot) -> None:
         present, shown, next_pose = self._standing(snapshot), self._shown.value, self._session.next
-        if not snapshot.busy:  # a field that changes all the time cannot be typed into
+        # a field that changes all the time cannot be typed into, and what was typed and is being solved stays
+        if not (snapshot.busy or self._coupling.computing):
             self._following.follow(next_pose.shown(present))
         edited, texts, unmet = self._following.edited, self._angles.texts, self._coupling.unmet
         key = (texts, shown, present.tobytes(), edited, snapshot.busy, next_pose.number, unmet)
