@@ -213,6 +213,26 @@ def test_upload_part_bytes() -> None:
 # kept_scene.py
 
 
+def test_a_node_is_moved_as_by_assigning_its_pose() -> None:
+    told: list[list[object]] = []
+    for assigned in (True, False):
+        scene = KeptScene()
+        node = scene.api.add_frame("/arm/link")
+        sent: list[object] = []
+        scene.queue_message = sent.append
+        position, wxyz = np.array([0.1, -0.2, 0.3]), np.array([0.5, 0.5, -0.5, 0.5])
+        if assigned:
+            node.position, node.wxyz = position, wxyz
+        else:
+            viser_seam.move_node(node, position, wxyz)
+        assert node.position.tolist() == position.tolist() and node.wxyz.tolist() == wxyz.tolist()
+        told.append(sent)
+    assert told[0] == told[1] and len(told[0]) == 2, "move_node: viser tells the pose of a node otherwise"
+    node.remove()
+    with pytest.raises(RuntimeError, match="removed"):
+        viser_seam.move_node(node, position, wxyz)
+
+
 def test_kept_scene() -> None:
     scene = KeptScene()
     scene.api.add_frame("/there", position=(1.0, 2.0, 3.0))

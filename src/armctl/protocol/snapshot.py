@@ -378,7 +378,8 @@ def stands_as_before(snapshot: Snapshot, before: Snapshot) -> bool:
         return False
     if not np.array_equal(snapshot.q_command, before.q_command):
         return False
-    return np.allclose(snapshot.q, before.q, rtol=0.0, atol=_STILL_RAD, equal_nan=True)
+    pairs = zip(snapshot.q.tolist(), before.q.tolist(), strict=True)
+    return all(abs(a - b) <= _STILL_RAD or (a != a and b != b) for a, b in pairs)  # not known: NaN
 
 
 def printable(text: str) -> str:

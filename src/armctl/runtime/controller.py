@@ -39,10 +39,10 @@ from armctl.runtime.signals import InputSimulator
 P = ParamSpec("P")
 _LOGGER = logging.getLogger("armctl.runtime")
 _RATES_HZ = (10.0, 200.0)
-_RESTING_S, _CALM_TICKS = 0.1, 50
-"""From tick to tick where nothing is powered or moves, after so many ticks of that. STOP and what moves the
-arm wake the thread at all times. At 50 ticks a second a process that does nothing takes 6 % of a core, at
-these 10 less than 2 %."""
+_UNPOWERED_S, _HOLDING_S, _CALM_TICKS = 0.1, 0.05, 50
+"""From tick to tick where nothing moves and nothing is powered, or the arm holds, after so many ticks of
+that. STOP and what moves the arm wake the thread at all times. An arm that holds is looked at twice as often:
+some boards switch off what hears nothing for 0.4 s, and a computer may be late."""
 _STOPPING_S = 5.0
 """How long ``close`` waits for a moving arm to come to rest."""
 
@@ -167,7 +167,7 @@ class Controller:
         for stop in stops:  # each on its own: whatever one of them meets, the others are carried out
             self._note_order(stop, now)
             self._guarded(core.stop, stop.origin, stop.ticket)
-        self._guarded(core.advance, now, urgent=bool(stops))
+        self._guarded(core.advance, now, urgent=bool(stops), pace=self._pace)
         for order in orders:
             self._note_order(order, now)
             if stops and isinstance(order.command, MovingCommand) and order.number < stops[-1].number:
@@ -224,7 +224,9 @@ class Controller:
                 self.tick()
                 now = self._clock.now()
                 calm = calm + 1 if self._core.resting else 0
-                self._pace = max(self._period, _RESTING_S) if calm > _CALM_TICKS else self._period
+                self._pace = self._period
+                if calm > _CALM_TICKS:
+                    self._pace = max(self._period, _HOLDING_S if self._core.powered else _UNPOWERED_S)
                 if not woken or now >= deadline:
                     # Missed ticks are skipped, not made up for.
                     deadline = max(deadline + self._pace, now)

@@ -248,10 +248,10 @@ class Core(ArmState):
 
     # One tick.
 
-    def advance(self, now: float, *, urgent: bool) -> None:
-        """Move on to ``now`` and send one setpoint where something changed."""
+    def advance(self, now: float, *, urgent: bool, pace: float) -> None:
+        """Move on to ``now`` and send one setpoint where something changed; ``pace``: see ``TickTime``."""
         ticks = self._ticks
-        dt = ticks.take(now, urgent=urgent)
+        dt = ticks.take(now, pace, urgent=urgent)
         if dt is None:
             return
         if ticks.late_before is not None:

@@ -418,14 +418,17 @@ class TickTime:
         """Something begins now: what went before counts no more."""
         self._at = now
 
-    def take(self, now: float, *, urgent: bool) -> float | None:
-        """What the tick that ends now counts for [s]; None: too early, the time counts at the next one."""
+    def take(self, now: float, pace: float, *, urgent: bool) -> float | None:
+        """What the tick that ends now counts for [s]; None: too early, the time counts at the next one.
+
+        ``pace``: how long [s] after the one before it was to come; at rest that is more than a period.
+        """
         elapsed = now - self._at
         if elapsed <= 0 or (elapsed < 0.25 * self._period and not urgent):
             return None
         self._at = now
-        late = elapsed > max((LONGEST_TICKS + 1) * self._period, _LATE_S)
-        self.late_s = elapsed - self._period if late else None
+        late = elapsed > max(pace + LONGEST_TICKS * self._period, _LATE_S)
+        self.late_s = elapsed - pace if late else None
         self.gap_s = elapsed if GAP_S + _ROUNDING_S < elapsed < math.inf else None
         self.late_before = None
         if self._count and now > self._late_at + LATE_SHOWN_S:

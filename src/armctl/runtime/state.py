@@ -125,13 +125,19 @@ class ArmState:
 
     @property
     def resting(self) -> bool:
-        """Nothing is powered, moves, or is about to: the board is only looked at."""
-        if self.state not in (State.OFF, State.DISCONNECTED) or self.powered or self.busy:
+        """Nothing moves, or is about to: the board is only looked at."""
+        holds = self.state is State.HOLDING
+        if self.busy or not (holds or (self.state in (State.OFF, State.DISCONNECTED) and not self.powered)):
             return False
-        if self.board is not None and self.robot.signals.inputs:  # whoever waits for one has it at once
-            return False
+        board = self.board
+        if board is not None:
+            if self.robot.signals.inputs:  # whoever waits for one has it at once
+                return False
+            if self.limp or board.catching_up:  # a hand leads it; setpoints are still to be sent
+                return False
         waits = self._opening is not None or self._edit is not None or self.leaving is not None
-        return not (waits or self._stopping or self.monitor.doubts or self.monitor.homes)
+        unsure = self._dropped or self.monitor.doubts or self.monitor.homes
+        return not (waits or self._stopping or unsure)
 
     @property
     def powered(self) -> bool:

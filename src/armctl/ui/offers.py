@@ -37,7 +37,7 @@ def refused_by(check: Callable[[Snapshot], object]) -> Callable[[Snapshot], str 
     return why
 
 
-@dataclass(frozen=True)
+@dataclass
 class Offer:
     """Some controls, and what they need."""
 
@@ -48,6 +48,8 @@ class Offer:
     """where it is told why they cannot be used; None: nowhere"""
     anyone: bool
     """pages that watch may use them, whatever the arm does"""
+    _told: str | Reason | None = None
+    """why they cannot be used, as it is shown"""
 
     def draw(self, snapshot: Snapshot, why_not: Callable[[Need | None], str | None], *, told: bool) -> None:
         """Enable or disable them; ``why_not``: what needs this of the arm. ``told``: and show the reason."""
@@ -60,4 +62,6 @@ class Offer:
                 control.disabled = why is not None
         if self.reason is not None:
             self.reason.visible = why is not None and told
-            self.reason.show(muted(sentence(why)) if why else "")
+            if why != self._told:
+                self._told = why
+                self.reason.show(muted(sentence(why)) if why else "")

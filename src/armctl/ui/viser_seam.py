@@ -32,6 +32,7 @@ from viser.infra._async_message_buffer import AsyncMessageBuffer
 from websockets.asyncio.server import ServerConnection
 from websockets.http11 import Request, Response
 
+from armctl.arrays import FloatArray
 from armctl.errors import ServerError
 
 # How viser opens its web server, whom that has connected, and what viser does to its process.
@@ -235,6 +236,23 @@ def acknowledge_all(client: viser.ClientHandle, start: messages.FileTransferStar
     size = start.size_bytes
     done = messages.FileTransferPartAck(start.source_component_uuid, start.transfer_uuid, size, size)
     client.gui._websock_interface.queue_message(done)  # noqa: SLF001  # pyright: ignore[reportPrivateUsage]
+
+
+def move_node(node: viser.SceneNodeHandle, position: FloatArray, wxyz: FloatArray) -> None:
+    """Move a node to ``position`` (3,) [m] and a unit quaternion (4,), which the caller knows to be new.
+
+    As assigning both, which compares them with where the node is: half of what an arm that moves costs.
+
+    Holds: ``_set_pose_vector``, by which a node's pose is assigned, and what it asks of the node.
+    """
+    it: Any = node._impl  # noqa: SLF001  # pyright: ignore[reportPrivateUsage]
+    if it.removed:
+        raise RuntimeError(f"{it.name} is removed and cannot be moved")
+    it.position[:], it.wxyz[:] = position, wxyz
+    x, y, z = position.tolist()
+    it.api._queue_scene_message(messages.SetPositionMessage(it.name, (x, y, z)))  # noqa: SLF001
+    w, x, y, z = wxyz.tolist()
+    it.api._queue_scene_message(messages.SetOrientationMessage(it.name, (w, x, y, z)))  # noqa: SLF001
 
 
 # A scene that is kept, not served.

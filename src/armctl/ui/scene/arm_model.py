@@ -24,6 +24,7 @@ from armctl.robot.look.rows import Paint, Theme, paint
 from armctl.robot.parts import Color, Shape
 from armctl.robot.solids import Solid, creased, grown, joined
 from armctl.robot.tools import tool_of, tool_rows
+from armctl.ui.viser_seam import move_node
 
 # The shapes of an arm's files as they are drawn, kept for all pages.
 
@@ -368,8 +369,7 @@ class ArmFigure:
         placed = self._model.place(q[None], np.array([opening]))[0]
         for i, handle in enumerate(self._frames):
             if self._shown is None or not np.array_equal(self._shown[i], placed[i]):
-                handle.position = placed[i, :3, 3]
-                handle.wxyz = quaternion_wxyz(placed[i, :3, :3])
+                move_node(handle, placed[i, :3, 3], quaternion_wxyz(placed[i, :3, :3]))
         self._shown = placed
 
     def carry(self, part: CarriedPart | None) -> None:

@@ -32,9 +32,12 @@ def slider_limits(robot: Robot) -> FloatArray:
     return np.where((low < high)[:, None], np.stack([low, high], axis=1), exact)
 
 
-def slider_degrees(robot: Robot, q: FloatArray) -> list[float]:
-    """``q`` (n,) [rad] as slider positions: degrees rounded to 0.01, inside the limits."""
-    low, high = slider_limits(robot).T
+def slider_degrees(robot: Robot, q: FloatArray, ends: FloatArray | None = None) -> list[float]:
+    """``q`` (n,) [rad] as slider positions: degrees rounded to 0.01, inside the limits.
+
+    ``ends``: ``slider_limits``, where the caller keeps them.
+    """
+    low, high = (slider_limits(robot) if ends is None else ends).T
     return np.clip(np.round(robot.shown(q), 2), low, high).tolist()
 
 

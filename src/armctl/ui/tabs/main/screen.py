@@ -152,7 +152,8 @@ class MainScreen:
             self._first = FirstSteps(session)
             self._robot = RobotChooser(session)
             self._port = gui.add_dropdown("Port", labels, initial_value=chosen)
-            self._line = gui.add_button_group("Board", tuple(_LINES))
+            self._lines = tuple(_LINES)
+            self._line = gui.add_button_group("Board", self._lines)
             self._ports = LiveHtml(gui)
             self._board = LiveHtml(gui)
             self._tool = ToolChoice(session)
@@ -203,7 +204,9 @@ class MainScreen:
         self._urdf.refresh(snapshot)
         if self._servos is not None:
             self._servos.refresh(snapshot)
-        self._line.options = tuple(one for one in _LINES if snapshot.state in _LINES[one])
+        lines = tuple(one for one in _LINES if snapshot.state in _LINES[one])
+        if lines != self._lines:  # viser takes its time to find out that it shows them
+            self._line.options = self._lines = lines
         self._homing.visible = bool(snapshot.homing)
         self._tool.refresh(snapshot)
         self._offer_board_again()
@@ -300,6 +303,8 @@ class FirstSteps:
             hide = gui.add_button("Hide first steps", color="gray")
         self._known = False
         """whether it is known what was done here before"""
+        self._told: tuple[frozenset[str], bool] | None = None
+        """what the text depends on, as it is shown"""
         session.on(hide.on_click, self._on_hide)
         session.spawn(self._begin())
 
@@ -312,7 +317,9 @@ class FirstSteps:
             self._note("slider")
         if pressed & _POINT_BUTTONS:
             self._note("point")
-        self._steps.show(self._html())
+        if (told := (frozenset(self._done), self._session.on_phone)) != self._told:
+            self._told = told
+            self._steps.show(self._html())
 
     async def _begin(self) -> None:
         kept = await self._session.recall("first-steps")

@@ -162,12 +162,13 @@ class JointControl:
         self._hint = LiveHtml(gui, _FOLLOWING)
         self._writer = PoseWriter(session, "sliders in Manual")
         self._stepper = JointStepper(session)
-        self._shown = slider_degrees(self._robot, session.next.shown_in(session.snapshot))
+        self._ends = slider_limits(self._robot)
+        self._shown = slider_degrees(self._robot, session.next.shown_in(session.snapshot), self._ends)
         """degrees"""
         self._sliders: dict[int, viser.GuiSliderHandle[float]] = {}
         """by joint"""
         held = [held_at(joint) for joint in self._robot.joints]
-        limits = slider_limits(self._robot).tolist()
+        limits = self._ends.tolist()
         for i, joint in enumerate(self._robot.joints):
             title, (low, high) = f"{joint.title} °", limits[i]
             if (text := held[i]) is not None:
@@ -199,7 +200,7 @@ class JointControl:
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Show the next pose, or the arm."""
-        shown = slider_degrees(self._robot, self._session.next.shown_in(snapshot))
+        shown = slider_degrees(self._robot, self._session.next.shown_in(snapshot), self._ends)
         if shown != self._shown:
             self._shown = shown
             for i, slider in self._sliders.items():
