@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import threading
+from collections.abc import Callable
 from contextlib import closing
 
 import numpy as np
 import pytest
-from tests.runtime.kit import ROBOT, TEST, RecordingDriver, Rig, fails, make_rig
+from tests.runtime.kit import ROBOT, TEST, TICK, RecordingDriver, Rig, fails, make_rig
 
 from armctl.errors import ArmctlError, InputError, MotionRefusedError, StateError
 from armctl.facts import State
@@ -269,3 +270,57 @@ def test_what_is_refused_at_rest(rig: Rig, command: Command, words: str, error: 
     rig.enable().refuses(command, words, error)
     assert rig.now.state is State.HOLDING
     assert len(rig.driver.writes) == 1
+
+
+# How often a thread of its own ticks.
+
+
+def waits_of(rig: Rig, count: int, given: Callable[[int], None] = lambda _: None) -> list[float]:
+    """How long [s] its own loop waits ahead of the next ticks; ``given`` is called before each wait."""
+    waits: list[float] = []
+    clock, controller = rig.clock, rig.controller
+
+    def wait_until(deadline: float, wake: threading.Event) -> bool:
+        waits.append(round(deadline - clock.now(), 6))
+        given(len(waits))
+        if len(waits) == count:
+            controller._closing.set()
+        return ManualClock.wait_until(clock, deadline, wake)
+
+    clock.wait_until = wait_until
+    controller._run()
+    return waits
+
+
+def test_an_arm_that_holds_is_looked_at_less_often(holding: Rig) -> None:
+    calls = holding.driver.calls
+    before = calls.count("read")
+    waits = waits_of(holding, 100)
+    assert set(waits[1:51]) == {TICK} and set(waits[51:]) == {0.05}
+    assert calls.count("read") - before >= 99  # at each tick
+    assert holding.now.state is State.DISCONNECTED and not holding.now.warnings
+    assert not [text for text in holding.texts if "ms late" in text]
+
+
+def test_a_motion_from_rest_begins_at_once(holding: Rig) -> None:
+    writes: list[int] = []
+
+    def given(number: int) -> None:
+        if number == 80:
+            holding.controller.submit(MoveJoints(HOME), TEST)
+        writes.append(len(holding.driver.writes))
+
+    waits = waits_of(holding, 90, given)
+    assert waits[78] == 0.05 and set(waits[81:]) == {TICK}
+    assert writes[79] == writes[0] and writes[83] >= writes[0] + 2  # a tick to plan it, then a setpoint each
+
+
+@pytest.mark.parametrize("why", ["led by hand", "still to be sent"])
+def test_what_may_move_is_looked_at_each_tick(holding: Rig, why: str) -> None:
+    board = holding.controller._core.board
+    assert board is not None
+    if why == "led by hand":
+        board.limp[0] = True
+    else:
+        board._behind = {0: 1.0}
+    assert set(waits_of(holding, 80)[1:]) == {TICK}

@@ -113,6 +113,34 @@ def test_share_type_hints(server: GuardedServer) -> None:
     assert after > asked, "share_type_hints: viser looks types up by another way"
 
 
+@pytest.mark.parametrize(
+    ("name", "same", "other"),
+    [("disabled", False, True), ("label", "A button", "Another"), ("options", ("a", "b"), ("a",))],
+)
+def test_leave_what_is_shown(
+    server: GuardedServer, monkeypatch: pytest.MonkeyPatch, name: str, same: object, other: object
+) -> None:
+    viser_seam.leave_what_is_shown()
+    viser_seam.leave_what_is_shown()
+    gui = server.gui
+    it: Any = gui.add_button_group("group", ("a", "b")) if name == "options" else gui.add_button("A button")
+    sent: list[object] = []
+    monkeypatch.setattr(gui._websock_interface, "queue_message", sent.append)
+    looked_up: list[str] = []
+    monkeypatch.setattr(
+        _assignable_props_api.AssignablePropsBase,
+        "_cast_value_recursive",
+        lambda _self, _hint, value, name: looked_up.append(name) or value,
+    )
+    setattr(it, name, same)
+    assert not sent and not looked_up, "leave_what_is_shown: viser keeps properties otherwise"
+    setattr(it, name, other)
+    assert getattr(it, name) == other and len(sent) == 1 and looked_up == [name]
+    it.remove()
+    with pytest.raises(RuntimeError, match="removed"):
+        setattr(it, name, other)
+
+
 def test_keep_icons_open(server: GuardedServer) -> None:
     assert hasattr(_icons, "zipfile"), "keep_icons_open: nothing to be replaced"
     viser_seam.keep_icons_open()

@@ -7,6 +7,7 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import fields
 from enum import Enum
+from functools import cache
 from types import ModuleType
 from typing import Any, NamedTuple, cast
 
@@ -79,7 +80,11 @@ LANGUAGES = {
 
 def preferred(environment: Mapping[str, str] = os.environ) -> str:
     """The language that a user's settings name (``LC_ALL``, ``LC_MESSAGES``, ``LANG``), or English."""
-    named = next(filter(None, map(environment.get, ("LC_ALL", "LC_MESSAGES", "LANG"))), "")
+    return _code(next(filter(None, map(environment.get, ("LC_ALL", "LC_MESSAGES", "LANG"))), ""))
+
+
+@cache
+def _code(named: str) -> str:
     code = re.split(r"[_.@-]", named)[0].lower()
     return code if code in LANGUAGES else "en"
 

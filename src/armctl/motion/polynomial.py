@@ -17,6 +17,8 @@ _NEGLIGIBLE = 1e-14
 """A coefficient that is a smaller share of the largest one counts as 0."""
 _JUMP = 1e-6
 """A smaller share of the largest value is no jump."""
+_FEW = 16
+"""points"""
 MOST_COEFFICIENTS = 12
 """of a piece: a spline has 4, a law of least jerk 6; extremes of one of degree 1,000 take minutes"""
 
@@ -76,6 +78,8 @@ class PiecewisePolynomial(ByContent):
         piece = self.breaks[1:-1].searchsorted(x)
         c = self.coefficients.swapaxes(0, 1)[:, piece]  # (degree + 1, ..., n)
         h = (x - self.breaks[piece])[..., None]
+        if x.size <= _FEW:
+            return _together(c, h, order)
         values = np.zeros((order + 1, *x.shape, self.n))
         for k in range(min(order + 1, len(c))):
             values[k] = _horner(c, h)
@@ -221,6 +225,25 @@ def _level_places(c: FloatArray) -> FloatArray:
 def _derived(c: FloatArray) -> FloatArray:
     """Coefficients of the derivative: (degree + 1, ...), lowest power first, to (degree, ...)."""
     return c[1:] * np.arange(1.0, len(c)).reshape(-1, *[1] * (c.ndim - 1))
+
+
+def _together(c: FloatArray, x: FloatArray, order: int) -> FloatArray:
+    """(order + 1, ...) values and derivatives: of few, the calls take longer than the numbers."""
+    which, factors = _derivations(len(c), order)
+    powers = c[which] * factors.reshape(*factors.shape, *[1] * (c.ndim - 1))
+    values = powers[-1]
+    for power in powers[-2::-1]:
+        values *= x
+        values += power
+    return values
+
+
+@cache
+def _derivations(size: int, order: int) -> tuple[NDArray[np.intp], FloatArray]:
+    """Each (size, order + 1): from which power that of a derivative comes, and with which factor."""
+    power, derived = np.ogrid[:size, : order + 1]
+    factors = [[math.perm(p + k, k) * (p + k < size) for k in range(order + 1)] for p in range(size)]
+    return np.minimum(power + derived, size - 1), np.array(factors, dtype=np.float64)
 
 
 def _horner(c: FloatArray, x: FloatArray) -> FloatArray:

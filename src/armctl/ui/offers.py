@@ -58,8 +58,7 @@ class Offer:
         if why is None and self.also is not None:
             why = self.also(snapshot)
         for control in self.controls:
-            if control.disabled is not (why is not None):
-                control.disabled = why is not None
+            control.disabled = why is not None
         if self.reason is not None:
             self.reason.visible = why is not None and told
             if why != self._told:

@@ -116,6 +116,7 @@ def hold_viser() -> None:
     require_version()
     keep_quiet()
     share_type_hints()
+    leave_what_is_shown()
     keep_icons_open()
     let_groups_be_disabled()
 
@@ -136,6 +137,33 @@ def share_type_hints() -> None:
     Holds: ``_assignable_props_api.get_type_hints`` and ``_gui_api.get_type_hints_cached``.
     """
     props_api.get_type_hints = gui_api.get_type_hints_cached  # pyright: ignore[reportPrivateImportUsage]
+
+
+def leave_what_is_shown() -> None:
+    """Have it cost next to nothing to assign what a property is already: pages do it all the time.
+
+    Holds: ``_assignable_props_api.props_setattr``, which looks the property's type up and casts to it before
+    it compares, and that a handle keeps its properties in ``_impl.props``.
+    """
+    base: Any = props_api.AssignablePropsBase
+    assign = cast("Callable[[object, str, object], None]", cast(Any, props_api).props_setattr)
+
+    def leave(handle: object, name: str, value: object) -> None:
+        it: Any = getattr(handle, "__dict__", {}).get("_impl")
+        if it is not None and not it.removed and not hasattr(type(handle), name):  # else by its own setter
+            shown: object = getattr(it.props, name, None)
+            if type(shown) is type(value) and _is_plain(value) and shown == value:
+                return
+        assign(handle, name, value)
+
+    base.__setattr__ = leave
+
+
+def _is_plain(value: object) -> bool:
+    """Whether a value is compared by what it is: no array, and nothing that somebody may change."""
+    if isinstance(value, tuple):
+        return all(map(_is_plain, cast("tuple[object, ...]", value)))
+    return isinstance(value, bool | int | str)
 
 
 class _KeptArchive(zipfile.ZipFile):

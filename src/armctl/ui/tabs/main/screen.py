@@ -152,8 +152,7 @@ class MainScreen:
             self._first = FirstSteps(session)
             self._robot = RobotChooser(session)
             self._port = gui.add_dropdown("Port", labels, initial_value=chosen)
-            self._lines = tuple(_LINES)
-            self._line = gui.add_button_group("Board", self._lines)
+            self._line = gui.add_button_group("Board", tuple(_LINES))
             self._ports = LiveHtml(gui)
             self._board = LiveHtml(gui)
             self._tool = ToolChoice(session)
@@ -204,9 +203,7 @@ class MainScreen:
         self._urdf.refresh(snapshot)
         if self._servos is not None:
             self._servos.refresh(snapshot)
-        lines = tuple(one for one in _LINES if snapshot.state in _LINES[one])
-        if lines != self._lines:  # viser takes its time to find out that it shows them
-            self._line.options = self._lines = lines
+        self._line.options = tuple(one for one in _LINES if snapshot.state in _LINES[one])
         self._homing.visible = bool(snapshot.homing)
         self._tool.refresh(snapshot)
         self._offer_board_again()

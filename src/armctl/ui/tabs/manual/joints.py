@@ -28,6 +28,8 @@ from armctl.ui.widgets.html import LiveHtml, fixed, muted, table
 
 
 _PROBE_S = 1e-4
+_READ_S = 0.2
+"""as often does a moving arm's table change"""
 
 
 def tool_motion(
@@ -51,13 +53,17 @@ class LiveReadout:
         self._robot = robot
         self._blocks: list[LiveHtml] = []
         self._shown: tuple[object, ...] = ()
+        self._shown_at = -_READ_S
 
     def add_to(self, gui: viser.GuiApi) -> None:
         """Show the table in the present GUI container, too."""
         self._blocks.append(LiveHtml(gui))
 
     def refresh(self, snapshot: Snapshot) -> None:
-        """Show a snapshot, if it differs from the one before."""
+        """Show a snapshot, if it differs from the one before; of a moving arm as many as one can read."""
+        if snapshot.busy and 0 <= snapshot.stamp - self._shown_at < _READ_S:
+            return
+        self._shown_at = snapshot.stamp
         state = (snapshot.q_command, snapshot.velocity_command, snapshot.acceleration_command, snapshot.q)
         key = (*(array.tobytes() for array in state), snapshot.source, snapshot.commanded, snapshot.tool)
         if key != self._shown:
