@@ -22,7 +22,7 @@ FOLDERS = {
     "facts": (20, 4_290),  # who stopped, why a command, a servo or a touch is refused: as data, in Turkish
     "hardware": (75, 15_560),  # pins of the encoder board, scripts for inputs, buses
     "kinematics": (51, 13_050),  # the workspace as a shell
-    "motion": (21, 6_000),  # from one side
+    "motion": (21, 6_010),  # from one side; a tick samples its path in a third of the time
     "process": (14, 3_375),
     "program": (26, 5_450),  # grids, a check of every path; calls, pick and place, messages, user frames
     "protocol": (5, 1_250),

@@ -17,7 +17,7 @@ _NEGLIGIBLE = 1e-14
 """A coefficient that is a smaller share of the largest one counts as 0."""
 _JUMP = 1e-6
 """A smaller share of the largest value is no jump."""
-_FEW = 16
+_FEW = 256
 """points"""
 MOST_COEFFICIENTS = 12
 """of a piece: a spline has 4, a law of least jerk 6; extremes of one of degree 1,000 take minutes"""
