@@ -22,12 +22,12 @@ FOLDERS = {
     "facts": (20, 4_290),  # who stopped, why a command, a servo or a touch is refused: as data, in Turkish
     "hardware": (75, 15_560),  # pins of the encoder board, scripts for inputs, buses
     "kinematics": (51, 13_050),  # the workspace as a shell
-    "motion": (21, 6_010),  # from one side; a tick samples its path in a third of the time
+    "motion": (21, 6_030),  # from one side; a tick samples its path in a third of the time
     "process": (14, 3_375),
     "program": (26, 5_450),  # grids, a check of every path; calls, pick and place, messages, user frames
     "protocol": (5, 1_250),
     "robot": (44, 12_150),  # tools of a URDF arm
-    "runtime": (27, 6_600),  # joints let down, messages, which warnings a cause tells, tools
+    "runtime": (27, 6_620),  # joints let down, messages, which warnings a cause tells, tools
     "ui": (103, 23_600),  # the tool in steps, a point touched again, what a copy of an arm takes along
 }
 """files and lines, at most"""
