@@ -419,10 +419,7 @@ class TickTime:
         self._at = now
 
     def take(self, now: float, pace: float, *, urgent: bool) -> float | None:
-        """What the tick that ends now counts for [s]; None: too early, the time counts at the next one.
-
-        ``pace``: how long [s] after the one before it was to come; at rest that is more than a period.
-        """
+        """What the tick that ends now, due ``pace`` [s] after the one before, counts for [s]; None: too early."""
         elapsed = now - self._at
         if elapsed <= 0 or (elapsed < 0.25 * self._period and not urgent):
             return None
