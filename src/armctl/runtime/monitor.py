@@ -419,7 +419,7 @@ class TickTime:
         self._at = now
 
     def take(self, now: float, pace: float, *, urgent: bool) -> float | None:
-        """What the tick that ends now, due ``pace`` [s] after the one before, counts for [s]; None: too early."""
+        """What the tick that ends now, due ``pace`` [s] after the last, counts for [s]; None: too early."""
         elapsed = now - self._at
         if elapsed <= 0 or (elapsed < 0.25 * self._period and not urgent):
             return None
