@@ -126,18 +126,16 @@ class ArmState:
     @property
     def resting(self) -> bool:
         """Nothing moves, or is about to: the board is only looked at."""
-        holds = self.state is State.HOLDING
-        if self.busy or not (holds or (self.state in (State.OFF, State.DISCONNECTED) and not self.powered)):
+        off = self.state in (State.OFF, State.DISCONNECTED) and not self.powered
+        if self.busy or not (off or self.state is State.HOLDING):
             return False
         board = self.board
-        if board is not None:
-            if self.robot.signals.inputs:  # whoever waits for one has it at once
-                return False
-            if self.limp or board.catching_up:  # a hand leads it; setpoints are still to be sent
-                return False
+        if board is not None and (self.robot.signals.inputs or self.limp or board.catching_up):
+            return (
+                False  # whoever waits for an input has it at once; a hand leads it; setpoints are to be sent
+            )
         waits = self._opening is not None or self._edit is not None or self.leaving is not None
-        unsure = self._dropped or self.monitor.doubts or self.monitor.homes
-        return not (waits or self._stopping or unsure)
+        return not (waits or self._stopping or self._dropped or self.monitor.doubts or self.monitor.homes)
 
     @property
     def powered(self) -> bool:
