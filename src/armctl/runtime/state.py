@@ -129,8 +129,7 @@ class ArmState:
         off = self.state in (State.OFF, State.DISCONNECTED) and not self.powered
         if self.busy or not (off or self.state is State.HOLDING):
             return False
-        board = self.board
-        if board is not None and (self.robot.signals.inputs or self.limp or board.catching_up):
+        if (it := self.board) is not None and (self.robot.signals.inputs or self.limp or it.catching_up):
             return (
                 False  # whoever waits for an input has it at once; a hand leads it; setpoints are to be sent
             )
