@@ -130,9 +130,7 @@ class ArmState:
         if self.busy or not (off or self.state is State.HOLDING):
             return False
         if (it := self.board) is not None and (self.robot.signals.inputs or self.limp or it.catching_up):
-            return (
-                False  # whoever waits for an input has it at once; a hand leads it; setpoints are to be sent
-            )
+            return False  # an input is waited for, a hand leads it, or setpoints are still to be sent
         waits = self._opening is not None or self._edit is not None or self.leaving is not None
         return not (waits or self._stopping or self._dropped or self.monitor.doubts or self.monitor.homes)
 
