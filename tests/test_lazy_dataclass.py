@@ -6,14 +6,17 @@ import copy
 import dataclasses
 import inspect
 import pickle
+import re
 import threading
 from collections.abc import Callable
 from dataclasses import FrozenInstanceError, field
+from pathlib import Path
 from typing import Any, ClassVar
 
 import msgspec
 import pytest
 
+import armctl
 from armctl.lazy_dataclass import dataclass
 
 Decorator = Callable[..., Any]
@@ -188,3 +191,10 @@ def test_threads_may_make_the_first_one_at_the_same_time() -> None:
         for thread in threads:
             thread.join()
         assert made == 4 * [kind(1.0, more=[2])]
+
+
+def test_the_package_uses_no_other() -> None:
+    package = Path(armctl.__file__).parent
+    theirs = re.compile(r"^ *(from dataclasses import .*\bdataclass\b|@dataclasses\.dataclass)", re.MULTILINE)
+    files = [file for file in package.rglob("*.py") if theirs.search(file.read_text(encoding="utf-8"))]
+    assert files == [package / "lazy_dataclass.py"], "write: from armctl.lazy_dataclass import dataclass"

@@ -7,9 +7,7 @@ import runpy
 from collections.abc import Iterator
 from pathlib import Path
 
-import matplotlib as mpl
 import pytest
-from matplotlib import pyplot as plt
 from tests.architecture.toy_board import installed
 from tests.arms import quick_arms
 
@@ -53,9 +51,11 @@ PRINTS = {
 @pytest.fixture(autouse=True)
 def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """A folder to write into, arms that are quick, and figures without a window."""
+    from matplotlib import pyplot as plt  # a second, for who runs these
+
     monkeypatch.chdir(tmp_path)
     quick_arms(tmp_path, monkeypatch)
-    mpl.use("agg")
+    plt.switch_backend("agg")
     yield
     plt.close("all")
 
