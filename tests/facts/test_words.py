@@ -417,6 +417,7 @@ SAMPLES += [
     NearestPoint((0.1, 0.2, 0.3), 1e-5, "any", (HeldAtLimit("Elbow", 1.5), HeldAtLimit("Base", 1.0))),
     PointReached(),
     ReachedFree("pitch"),
+    ReachedFree("pitch and roll"),
     LevelPassed("Elbow", "servo 3", "load", 0.93, 0.8, 0.8),
     LevelPassed("Elbow", "servo 3", "temperature", 62.0, 60.0, 70.0),
     LevelPassed("Gripper", "servo 6", "voltage", 10.4, 10.8, 12.0),

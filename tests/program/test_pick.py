@@ -295,3 +295,16 @@ def test_a_point_that_only_the_pitch_forbids_says_so() -> None:
         assert not errors(ROBOT, replace(step, pitch_deg=None))
     (error,) = errors(ROBOT, PickStep(x_mm=400, y_mm=0, z_mm=60, pitch_deg=-40))
     assert "empty" not in error.what
+
+
+@pytest.mark.parametrize(
+    ("pitch", "roll", "without"),
+    [(-40, 10, "pitch"), (-80, 170, "roll"), (-40, 170, "pitch and roll")],
+)
+def test_what_is_to_be_left_empty_is_what_frees_the_tool(pitch: float, roll: float, without: str) -> None:
+    step = PointStep(x_mm=190, y_mm=-80, z_mm=60, pitch_deg=pitch, roll_deg=roll)
+    (error,) = errors(ROBOT, step)
+    assert f"not with that {without}: leave the {without} empty" in error.what
+    freer = {"pitch_deg": None} if without != "roll" else {}
+    freer |= {"roll_deg": None} if without != "pitch" else {}
+    assert not errors(ROBOT, replace(step, **freer))

@@ -323,11 +323,14 @@ class Besides(Reason):
     reason: Reason
 
 
+Without = Literal["pitch", "roll", "pitch and roll", "orientation"]
+
+
 @dataclass(frozen=True, slots=True)
 class ReachedFree(Reason):
     """A point that is reached with less asked of the tool; ahead of why it is not, with all of it."""
 
-    without: Literal["pitch", "roll", "orientation"]
+    without: Without
 
 
 @dataclass(frozen=True, slots=True)

@@ -151,6 +151,7 @@ _AT_ANY_ANGLE = {
 _REACHED_FREE = {
     "pitch": "kol bu noktaya erişir, ama o eğimle değil: eğimi boş bırakın",
     "roll": "kol bu noktaya erişir, ama o dönme açısıyla değil: dönme açısını boş bırakın",
+    "pitch and roll": "kol bu noktaya erişir, ama o eğim ve dönme açısıyla değil: ikisini de boş bırakın",
     "orientation": "kol bu noktaya erişir, ama o yönelimle değil: yönelimi boş bırakın",
 }
 _COUNTS = {"sum": "toplamı", "difference": "farkı"}

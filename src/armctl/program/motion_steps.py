@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Annotated, ClassVar, Literal, cast
 
@@ -13,7 +13,7 @@ from armctl.arrays import FloatArray
 from armctl.errors import ProgramError, UnreachableError
 from armctl.facts import Several
 from armctl.facts.angles import from_degrees, to_degrees
-from armctl.facts.targets import ReachedFree
+from armctl.facts.targets import ReachedFree, Without
 from armctl.kinematics import CRITERIA, FROM_START, Target, roll_pitch_yaw, rotation_from_rpy
 from armctl.motion.choices import choose_end, solve
 from armctl.motion.one_sided import ONE_SIDED, OneSided, commanded_end
@@ -195,12 +195,23 @@ def telling_freer(robot: Robot, target: Target) -> Generator[None]:
     try:
         yield
     except UnreachableError as cause:
-        pitch, roll = target.pitch is not None, target.roll is not None
-        without = "orientation" if target.rotation is not None else "pitch" if pitch else "roll"
-        asks = pitch or roll or target.rotation is not None
-        if not asks or not robot.inverse_kinematics.meets(Target.of(target.position)):
-            raise
-        raise UnreachableError(Several((ReachedFree(without), cause.reason))) from cause
+        for without, freer in _freer(target):
+            if robot.inverse_kinematics.meets(freer):
+                raise UnreachableError(Several((ReachedFree(without), cause.reason))) from cause
+        raise
+
+
+def _freer(target: Target) -> Iterator[tuple[Without, Target]]:
+    """Targets with less asked of the tool, and what is left out of each, as little as can be first."""
+    point, pitch, roll = target.position, target.pitch, target.roll
+    if pitch is not None and roll is not None:
+        yield "pitch", Target.of(point, roll=roll)
+        yield "roll", Target.of(point, pitch=pitch)
+        yield "pitch and roll", Target.of(point)
+    elif target.rotation is not None:
+        yield "orientation", Target.of(point)
+    elif pitch is not None or roll is not None:
+        yield "roll" if pitch is None else "pitch", Target.of(point)
 
 
 def _as_commanded(robot: Robot, q: FloatArray, profile: ProfileName | OneSided) -> FloatArray:
