@@ -10,7 +10,7 @@ import numpy as np
 import viser
 
 from armctl.calibration import Paper, TouchedPoint, TouchFit
-from armctl.errors import ArmctlError, InputError, StateError
+from armctl.errors import ArmctlError, InputError, MotionRefusedError
 from armctl.motion import Profile
 from armctl.protocol import Snapshot
 from armctl.ui.console import known
@@ -70,7 +70,10 @@ _LOAD_HINT = (
     "the arm. The correction holds for it; 'Save & test' sets another one."
 )
 _HIGHEST_MM = 500.0
-_LIFT_M = 0.03
+_LIFTS_M = (0.03, 0.02, 0.01, 0.005)
+_LIFT_HINT = (
+    "Straight up by 30 mm, or by less where the arm cannot: then it goes to the next one by a free way."
+)
 HEAVIEST_KG = 100.0
 
 
@@ -109,7 +112,7 @@ class CalibrationPoints:
         self._steps = ToolSteps(session)
         here = gui.add_button("Here", icon=viser.Icon.TARGET)
         session.needs(None, here, also=refused_by(self._touch))
-        self._lift = gui.add_button(f"Lift {1000 * _LIFT_M:.0f} mm", color="gray", icon=viser.Icon.ARROW_UP)
+        self._lift = gui.add_button("Lift the tip", hint=_LIFT_HINT, color="gray", icon=viser.Icon.ARROW_UP)
         session.needs(self._steps.need, self._lift, told=False)
         self._tip = LiveHtml(gui)
         self._by_hand = ByHand(session, ticked=True)
@@ -147,7 +150,7 @@ class CalibrationPoints:
         session.on(self._skip.on_click, self._on_skip)
         session.on(above.on_click, self._show_above)
         session.on(here.on_click, self._on_here)
-        session.on(self._lift.on_click, lambda: self._steps.step(np.array((0.0, 0.0, _LIFT_M))))
+        session.on(self._lift.on_click, self._on_lift)
         session.on(self._again.on_click, self._on_again)
         session.on(self._delete.on_click, lambda: self._on_change(self._delete_chosen))
         session.on(
@@ -287,12 +290,23 @@ class CalibrationPoints:
         await self._change(self._points.skip)
         await self._show_next()
 
+    async def _on_lift(self) -> None:
+        """As high as the arm can from there, before it goes to the next point."""
+        for height in _LIFTS_M:
+            try:
+                await self._steps.step(np.array((0.0, 0.0, height)))
+            except MotionRefusedError:
+                if height == _LIFTS_M[-1]:
+                    raise
+            else:
+                return
+
     async def _on_again(self) -> None:
         """The point that does not fit is next, and its touch takes the place of the one that was made."""
         self._session.require_operator()
         index = self._points.doubtful
         if index is None:
-            raise StateError("every point fits: there is none to touch again")
+            raise InputError("every point fits: there is none to touch again")
         self._points.retake(index)
         if self._points.sheet is None:
             for field, value in zip(self._xyz, self._points.touches[index].point_m, strict=True):

@@ -282,7 +282,8 @@ class ToolSteps:
     def __init__(self, session: Session) -> None:
         gui, self._session = session.gui, session
         self._stepper = JointStepper(session, partial(slow_duration, session.console.robot))
-        self._turn = asyncio.Lock()
+        self._wanted, self._solving = np.zeros(3), False
+        """(3,) clicks that are not solved yet [m]; and whether one is being solved"""
         self.need = self._stepper.need
         for axis, label in enumerate(_STEP_ROWS):
             row = gui.add_button_group(label, tuple(_STEPS_MM))
@@ -297,9 +298,16 @@ class ToolSteps:
     async def step(self, step_m: FloatArray) -> None:
         """Move the tool by (3,) [m] along the base's axes; refused out of reach, or where it cannot move."""
         self._session.require_operator()
-        async with self._turn:  # each begins where the one before it leads
-            start = self._stepper.start
-            goal = await asyncio.to_thread(tool_stepped, self._session.held, start, step_m)
+        self._wanted = self._wanted + step_m
+        if self._solving:  # whoever solves takes it along
+            return
+        self._solving, goal = True, self._stepper.start
+        try:
+            while self._wanted.any():
+                step_m, self._wanted = self._wanted, np.zeros(3)
+                goal = await asyncio.to_thread(tool_stepped, self._session.held, goal, step_m)
+        finally:
+            self._solving, self._wanted = False, np.zeros(3)
         await self._stepper.go_to(goal)
 
 
