@@ -81,7 +81,12 @@ class LengthLabels:
             middle = spans[one.key].mean(axis=0)
             if one.key not in self._labels:
                 name = f"{self._root}/lengths/{one.key}"
-                self._labels[one.key] = self._scene.add_label(name, words, position=middle)
+                x, y, z = np.abs(np.diff(spans[one.key], axis=0)[0]).tolist()
+                beside = (
+                    "center-right" if z > x + y else "bottom-center"
+                )  # of what stands, and above what lies
+                label = self._scene.add_label(name, words, position=middle, anchor=beside)
+                self._labels[one.key] = label
             elif np.abs(self._labels[one.key].position - middle).max() > _MM:
                 self._labels[one.key].position = middle
 

@@ -252,7 +252,8 @@ class OwnArm:
         if abs(aside - self._looked_aside) > _LOOK_AGAIN * aside:
             self._looked_aside = aside
             self._session.look(beside=(robot, -aside))
-        self._figure.say("new arm")
+        if self._kind.value not in _BEGINNINGS:  # else its lengths say so
+            self._figure.say("new arm")
 
     def _draw_anew(self) -> None:
         if self._figure is not None and self._robot is not None:
