@@ -83,6 +83,19 @@ def test_gaps_are_those_of_scipy(seed: int) -> None:
     assert (some <= found + 1.01e-4).all() and (some[found > NEAR_M + 1e-4] > NEAR_M - 1e-4).all()
 
 
+def test_pairs_of_all_sizes_at_once_have_the_gaps_that_each_has_alone() -> None:
+    rng = np.random.default_rng(3)
+    some = [cloud(rng, most) for most in (5, 6, 8, 12, 20, 60, 120)]
+    i, j = rng.integers(0, len(some), (2, 600))
+    R = Rotation.random(len(i), random_state=3).as_matrix()
+    origin = rng.normal(size=(len(i), 3)) * rng.uniform(0.02, 0.3, (len(i), 1))
+    found = HullPairs(some).gaps(i, j, R, origin, FAR)
+    for k in range(0, len(i), 7):
+        alone = gaps(some[i[k]], some[j[k]], R[k : k + 1], origin[k : k + 1])[0]
+        assert found[k] == pytest.approx(alone, abs=1.01e-4, rel=0.25 if alone < 0.0 else 0.0)
+    assert 50 < np.count_nonzero(found < 0.0) < 550
+
+
 def test_points_lines_faces_and_hulls_in_one_place() -> None:
     point = Hull(np.zeros((1, 3)), np.empty((0, 3)), 0.01)
     line = Hull(np.array([[0.0, 0.0, -0.1], [0.0, 0.0, 0.1]]), np.empty((0, 3)), 0.0)

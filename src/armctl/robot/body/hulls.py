@@ -113,6 +113,11 @@ class HullPairs:
         self._corners = padded([one.corners for one in hulls], np.zeros((1, 3)))
         self._normals = padded([one.normals for one in hulls], np.array([[1.0, 0.0, 0.0]]))
         self._margins = np.array([one.margin for one in hulls])
+        self._sizes = np.array([(len(one.corners), max(len(one.normals), 1)) for one in hulls]).reshape(-1, 2)
+        """(hulls, 2) how many corners and normals are not padding"""
+        self._middles = self._corners.mean(axis=1)
+        self._heights = (self._normals @ self._corners.transpose(0, 2, 1)).max(axis=2)
+        """(hulls, f) of each face above the origin, along its normal [m]"""
 
     def gaps(
         self,
@@ -133,36 +138,60 @@ class HullPairs:
         without ``depths`` not where the two touch, to 0.1 mm: then any negative gap will do.
         """
         low, enough = np.empty(len(one)), np.broadcast_to(np.asarray(enough, dtype=np.float64), len(one))
+        # pairs of like sizes together: half of the time went into the padding of small hulls beside large
+        order = np.lexsort((self._sizes[other, 0], self._sizes[one, 0]))
         for begin in range(0, len(one), _BLOCK):
-            block = slice(begin, begin + _BLOCK)
-            i, j, turned = one[block], other[block], R[block].transpose(0, 2, 1)
-            margin = self._margins[i] + self._margins[j]
-            here, there = self._corners[i], self._corners[j] @ turned + origin[block][:, None]
-            near, far = nearing(here, there, enough[block] + margin)
-            low[block] = near - margin
-            doubtful = low[block] < np.minimum(_DOUBTFUL_M, enough[block])
-            doubtful &= (near <= 0.0) | (far - near > _EXACT_M)
-            if not depths:
-                touch = far <= margin + _EXACT_M
-                low[block][touch] = np.minimum(low[block][touch], -_EXACT_M)
-                doubtful &= ~touch
-            doubtful = np.flatnonzero(doubtful)
-            for some in np.split(doubtful, range(_BLOCK_OF_FACES, len(doubtful), _BLOCK_OF_FACES)):
-                d = np.concatenate([self._normals[i[some]], -self._normals[j[some]] @ turned[some]], axis=1)
-                wanted = enough[begin + some] + margin[some]
-                apart = _parted(here[some], there[some], d, wanted) - margin[some]
-                low[begin + some] = np.maximum(low[begin + some], apart)
+            block = order[begin : begin + _BLOCK]
+            low[block] = self._gaps_of_block(
+                one[block], other[block], R[block], origin[block], enough[block], depths
+            )
+        return low
+
+    def _gaps_of_block(
+        self,
+        i: NDArray[np.intp],
+        j: NDArray[np.intp],
+        R: FloatArray,
+        origin: FloatArray,
+        enough: FloatArray,
+        depths: bool,
+    ) -> FloatArray:
+        """As ``gaps``, of few enough for one array."""
+        (corners, faces), (other_corners, other_faces) = (self._sizes[k].max(axis=0) for k in (i, j))
+        turned, margin = R.transpose(0, 2, 1), self._margins[i] + self._margins[j]
+        here = self._corners[i, :corners]
+        there = self._corners[j, :other_corners] @ turned + origin[:, None]
+        apart = self._middles[i] - (self._middles[j, None] @ turned)[:, 0] - origin
+        near, far = nearing(here, there, enough + margin, apart)
+        low = near - margin
+        doubtful = low < np.minimum(_DOUBTFUL_M, enough)
+        doubtful &= (near <= 0.0) | (far - near > _EXACT_M)
+        if not depths:
+            touch = far <= margin + _EXACT_M
+            low[touch] = np.minimum(low[touch], -_EXACT_M)
+            doubtful &= ~touch
+        doubtful = np.flatnonzero(doubtful)
+        for some in np.split(doubtful, range(_BLOCK_OF_FACES, len(doubtful), _BLOCK_OF_FACES)):
+            own, others = self._normals[i[some], :faces], -self._normals[j[some], :other_faces] @ turned[some]
+            # (k, f): the lowest of the other less the highest of one, of which a face knows one
+            beyond = (own @ there[some].transpose(0, 2, 1)).min(axis=2) - self._heights[i[some], :faces]
+            behind = (others @ origin[some, :, None])[:, :, 0] - self._heights[j[some], :other_faces]
+            behind -= (others @ here[some].transpose(0, 2, 1)).max(axis=2)
+            d, along = np.concatenate([own, others], axis=1), np.concatenate([beyond, behind], axis=1)
+            apart = _parted(here[some], there[some], d, along, enough[some] + margin[some]) - margin[some]
+            low[some] = np.maximum(low[some], apart)
         return low
 
 
-def _parted(one: FloatArray, other: FloatArray, d: FloatArray, enough: FloatArray) -> FloatArray:
+def _parted(
+    one: FloatArray, other: FloatArray, d: FloatArray, apart: FloatArray, enough: FloatArray
+) -> FloatArray:
     """How far hulls of corners (k, c, 3) lie beyond others in the best direction found, (k,) [m].
 
-    Where they overlap it is minus the way out. Of directions ``d`` (k, f, 3), the normals of all faces, the
-    best are turned on, as the way out may be that of two edges. Beyond ``enough`` (k,) [m] none is.
+    Where they overlap it is minus the way out. Of directions ``d`` (k, f, 3), the normals of all faces, in
+    which they lie ``apart`` (k, f) [m], the best are turned on, as the way out may be that of two edges.
+    Beyond ``enough`` (k,) [m] none is.
     """
-    # (k, f): the lowest of the other less the highest of one
-    apart = (d @ other.transpose(0, 2, 1)).min(axis=2) - (d @ one.transpose(0, 2, 1)).max(axis=2)
     out = apart.max(axis=1)
     short = np.flatnonzero(out < enough)
     if len(short):
@@ -222,10 +251,13 @@ def distances(corners: FloatArray, points: FloatArray) -> FloatArray:
     return nearing(here, points[:, None], np.full(len(points), np.inf))[1]
 
 
-def nearing(one: FloatArray, other: FloatArray, enough: FloatArray) -> tuple[FloatArray, FloatArray]:
+def nearing(
+    one: FloatArray, other: FloatArray, enough: FloatArray, between: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray]:
     """How far apart hulls of corners (k, c, 3) and (k, d, 3) are at least and at most, (k,) each [m].
 
-    At most is no less than 0. Beyond ``enough`` (k,) [m] they are not made more exact.
+    At most is no less than 0. Beyond ``enough`` (k,) [m] they are not made more exact. ``between`` (k, 3):
+    from some point of the other to some point of the one, to begin with.
 
     Gilbert, Johnson and Keerthi (1988), *A fast procedure for computing the distance between complex
     objects*: of all differences of points, the outermost one towards the origin joins a simplex, and of that
@@ -233,7 +265,7 @@ def nearing(one: FloatArray, other: FloatArray, enough: FloatArray) -> tuple[Flo
     """
     k = len(one)
     low, high = np.full(k, -np.inf), np.full(k, np.inf)
-    v = one.mean(axis=1) - other.mean(axis=1)
+    v = one.mean(axis=1) - other.mean(axis=1) if between is None else between
     busy, kept = np.arange(k), np.repeat(v[:, None], 3, axis=1)
     for _ in range(_STEPS):
         size = np.sqrt((v * v).sum(axis=1))
