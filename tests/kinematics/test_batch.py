@@ -35,7 +35,7 @@ def assert_true(chain: Chain, limits: FloatArray, batch: BatchSolutions, positio
     assert np.abs(chain.forward(q)[:, :3, 3] - position[rows]).max() < 1e-9
 
 
-@pytest.mark.parametrize("name", ["ar4", "scorbot", "humanoid"])
+@pytest.mark.parametrize("name", ["ar4", "scorbot", "humanoid", "so101"])
 def test_whether_a_target_is_met_is_what_solve_lists(name: str) -> None:
     robot, rng, met = load_robot(name), np.random.default_rng(6), list[bool]()
     solver = robot.inverse_kinematics

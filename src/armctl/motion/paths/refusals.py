@@ -163,12 +163,13 @@ class Attempt:
     def reached(self, s: float) -> bool | None:
         """Whether any configuration has what is asked for at ``s`` [m], limits not looked at.
 
-        None: only a search would tell, which takes too long.
+        None: only a search would tell, which takes too long. Why not is not asked: where the roll is free,
+        that takes 0.1 s.
         """
-        target = self.target(s)
+        target, solver = self.target(s), self.robot.inverse_kinematics
         if self.searches and target.rotation is not None:
-            return self.robot.inverse_kinematics.reaches(pose_of(target.position, target.rotation))
-        return None if self.searched else self.unmet(s) is None
+            return solver.reaches(pose_of(target.position, target.rotation))
+        return None if self.searched else bool(self.robot.branches(*target)) or solver.meets(target)
 
     def unmet(self, s: float) -> Solutions | None:
         """What is answered where no configuration has what is asked for at ``s`` [m]; None: one has."""

@@ -144,6 +144,13 @@ class OffsetRollSolver(InverseKinematics):
             return self._with_rolls(target, rolls, step)
         return self._swept(target, step)
 
+    def meets(self, target: Target) -> bool:
+        """See ``InverseKinematics``; with a pitch and any roll, nothing is searched for."""
+        swept = target.pitch is not None and target.roll is None and target.rotation is None
+        if swept and self._has_pitch and self.geometry.pitched and not self._roll_is_held:
+            return len(self._sweep.solve(self._place(target), DEFAULT_STEP).q) > 0
+        return super().meets(target)
+
     @property
     def _roll_is_held(self) -> bool:
         return self._rolls[0] == self._rolls[1]
