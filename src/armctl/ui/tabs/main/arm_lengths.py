@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import cast
 
 import numpy as np
 import viser
@@ -53,7 +54,8 @@ def length_spans(
         longer = build.rows({**lengths_mm, one.key: lengths_mm[one.key] + 1.0})
         for k, (row, other) in enumerate(zip(rows, longer, strict=True)):
             start, end = frames[k], frames[k + 1]
-            foot = start[:3, 3] + _MM * float(row["d_mm"]) * start[:3, 2]  # standard rows: first d, then a
+            d_mm = cast("float", row["d_mm"])
+            foot = start[:3, 3] + _MM * d_mm * start[:3, 2]  # standard rows: first d, then a
             if row["d_mm"] != other["d_mm"] and row["d_mm"]:
                 spans[one.key] = np.stack([start[:3, 3], foot])
             if row["a_mm"] != other["a_mm"] and row["a_mm"]:
@@ -82,9 +84,8 @@ class LengthLabels:
             if one.key not in self._labels:
                 name = f"{self._root}/lengths/{one.key}"
                 x, y, z = np.abs(np.diff(spans[one.key], axis=0)[0]).tolist()
-                beside = (
-                    "center-right" if z > x + y else "bottom-center"
-                )  # of what stands, and above what lies
+                # beside what stands, and above what lies
+                beside = "center-right" if z > x + y else "bottom-center"
                 label = self._scene.add_label(name, words, position=middle, anchor=beside)
                 self._labels[one.key] = label
             elif np.abs(self._labels[one.key].position - middle).max() > _MM:
