@@ -142,7 +142,8 @@ def nothing_goes_on_by_itself_after_the_cable_is_pulled(page: Screen, cable: Cab
     """Nor once it is plugged in again, and connected."""
     cable.pull()
     page.wait_for_text("FAULT")
-    page.wait_for_text("last known; unknown until the arm is homed again")
+    page.wait_for_text("Position shown: last known")
+    page.page.get_by_title("Position shown: last known; unknown until the arm is homed again").wait_for()
     page.open_tab("Main")
     page.screenshot("scorbot-unplugged")
     cable.plug_in()

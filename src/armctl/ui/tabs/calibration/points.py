@@ -71,9 +71,6 @@ _LOAD_HINT = (
 )
 _HIGHEST_MM = 500.0
 _LIFTS_M = (0.03, 0.02, 0.01, 0.005)
-_LIFT_HINT = (
-    "Straight up by 30 mm, or by less where the arm cannot: then it goes to the next one by a free way."
-)
 HEAVIEST_KG = 100.0
 
 
@@ -112,7 +109,7 @@ class CalibrationPoints:
         self._steps = ToolSteps(session)
         here = gui.add_button("Here", icon=viser.Icon.TARGET)
         session.needs(None, here, also=refused_by(self._touch))
-        self._lift = gui.add_button("Lift the tip", hint=_LIFT_HINT, color="gray", icon=viser.Icon.ARROW_UP)
+        self._lift = gui.add_button("Lift the tip", color="gray", icon=viser.Icon.ARROW_UP)
         session.needs(self._steps.need, self._lift, told=False)
         self._tip = LiveHtml(gui)
         self._by_hand = ByHand(session, ticked=True)
