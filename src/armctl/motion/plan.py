@@ -18,11 +18,10 @@ from numpy.typing import ArrayLike
 from armctl.arrays import FloatArray
 from armctl.errors import InputError, MotionRefusedError, UnreachableError
 from armctl.facts import Freer
-from armctl.kinematics.families.numeric.solver import link_bound
 from armctl.kinematics.target import as_numbers, checked_number, require_finite
 from armctl.motion.blend import Leg, blend
 from armctl.motion.one_sided import ONE_SIDED, OneSided, commanded_end, one_sided_stops
-from armctl.motion.paths.refusals import ToolPathRefusedError, ToolPathUnreachableError
+from armctl.motion.paths.refusals import ToolPathRefusedError, ToolPathUnreachableError, beyond_links
 from armctl.motion.paths.tool_curve import ToolArc, ToolCurve, ToolLine
 from armctl.motion.paths.tool_path import PitchMode, TurnMode, follow, led_at_once, led_within
 from armctl.motion.paths.tool_walk import StepBudget
@@ -244,7 +243,7 @@ def _freer(
     whole = orientation is not None or (pitch is None and robot.orients_tool)
     if (orientation if whole else pitch) == "free":
         return None
-    if link_bound(robot.chain).violation(curve.positions(curve.length), robot.joints[0].title) is not None:
+    if beyond_links(robot, curve) is not None:
         return None  # the tool comes to no such place, however it is turned
     ways: list[tuple[Literal["kept", "free"], Freer]] = [
         ("free", "orientation free" if whole else "pitch free")

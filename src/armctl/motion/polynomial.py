@@ -18,7 +18,7 @@ _NEGLIGIBLE = 1e-14
 _JUMP = 1e-6
 """A smaller share of the largest value is no jump."""
 _FEW = 256
-"""points"""
+"""points, of which value and derivatives are worked out in one pass"""
 MOST_COEFFICIENTS = 12
 """of a piece: a spline has 4, a law of least jerk 6; extremes of one of degree 1,000 take minutes"""
 
@@ -230,12 +230,7 @@ def _derived(c: FloatArray) -> FloatArray:
 def _together(c: FloatArray, x: FloatArray, order: int) -> FloatArray:
     """(order + 1, ...) values and derivatives: of few, the calls take longer than the numbers."""
     which, factors = _derivations(len(c), order)
-    powers = c[which] * factors.reshape(*factors.shape, *[1] * (c.ndim - 1))
-    values = powers[-1]
-    for power in powers[-2::-1]:
-        values *= x
-        values += power
-    return values
+    return _horner(c[which] * factors.reshape(*factors.shape, *[1] * (c.ndim - 1)), x)
 
 
 @cache

@@ -301,9 +301,10 @@ class ControlBar:
 
 def warning_lines(snapshot: Snapshot) -> list[str]:
     """The warnings that the cause does not tell; then what a program waits for: a state, no fault."""
-    shown = [(k, text) for k, text in enumerate(snapshot.warnings) if k not in snapshot.told_by_cause]
-    waits = [f"<p class='waits'>{escape(sentence(text))}</p>" for k, text in shown if k in snapshot.awaited]
-    warned = [text for k, text in shown if k not in snapshot.awaited]
+    awaited = {snapshot.warnings[k] for k in snapshot.awaited}
+    shown = snapshot.more_warnings
+    waits = [f"<p class='waits'>{escape(sentence(text))}</p>" for text in shown if text in awaited]
+    warned = [text for text in shown if text not in awaited]
     return [*(f"<p class='warn'>⚠ {escape(with_minus(text))}</p>" for text in warned), *waits]
 
 

@@ -107,6 +107,14 @@ def pitch_refusal(
     return MotionRefusedError(PitchDecided(curve.kind, float(seen.min()), float(seen.max())))
 
 
+def beyond_links(robot: Robot, curve: ToolCurve) -> Reason | None:
+    """Why the end of a curve is too far or too near for the links alone, however the tool is turned.
+
+    None: that is not known.
+    """
+    return link_bound(robot.chain).violation(curve.positions(curve.length), robot.joints[0].title)
+
+
 @dataclass(frozen=True, eq=False)
 class Attempt:
     """A curve that could not be followed."""
@@ -182,8 +190,7 @@ class Attempt:
     @cached_property
     def beyond(self) -> Reason | None:
         """Why the end of the curve is too far or too near for the links alone; None: that is not known."""
-        end, title = self.curve.positions(self.curve.length), self.robot.joints[0].title
-        return link_bound(self.robot.chain).violation(end, title)
+        return beyond_links(self.robot, self.curve)
 
     def solve(self, target: Target) -> Solutions:
         """The solutions of a target inside the limits."""

@@ -156,18 +156,16 @@ class LiveHtml:
     """A block of HTML. The caller escapes what is not its own."""
 
     def __init__(self, gui: viser.GuiApi, content: str = "", *, visible: bool = True) -> None:
-        self._content, self._visible = content, visible
-        self._handle = gui.add_html(_block(content), visible=visible)
+        self._content, self._handle = content, gui.add_html(_block(content), visible=visible)
 
     @property
     def visible(self) -> bool:
         """Whether the block is shown."""
-        return self._visible
+        return self._handle.visible
 
     @visible.setter
     def visible(self, visible: bool) -> None:
-        if visible is not self._visible:  # viser takes its time to find that out
-            self._visible = self._handle.visible = visible
+        self._handle.visible = visible
 
     def show(self, content: str) -> None:
         """Replace the content, if it is another."""
