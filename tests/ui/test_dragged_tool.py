@@ -14,6 +14,7 @@ from armctl.facts import State
 from armctl.robot import load_robot
 from armctl.ui.dragged_tool import DraggedTool, dragged_near, dragged_to
 from armctl.ui.guard import GuardedServer
+from armctl.ui.next_pose import PoseWriter
 
 UZUNER = load_robot("uzuner")
 HOME = UZUNER.pose("home")
@@ -142,3 +143,18 @@ def test_it_writes_the_next_pose_and_the_arrows_stand_at_its_tool(server: Guarde
     page.snapshot.state, page.snapshot.busy = State.MOVING, True
     page.refresh(bench.tool)
     assert not bench.tool._arrows.visible
+
+
+def test_it_overwrites_no_pose_that_was_written_after_it_was_let_go(server: GuardedServer) -> None:
+    bench = Dragging(server)
+    page, other = bench.page, PoseWriter(bench.page.session, "somebody")
+    tip, there = UZUNER.forward(HOME)[:3, 3], HOME + np.radians([20.0, 0, 0, 0, 0])
+
+    async def attempt(action: Any) -> None:
+        other.show(there)
+        await action()
+
+    page.attempt = attempt  # type: ignore[attr-defined]
+    bench.drag(tip + np.array([0.0, 0.03, -0.02]), "end")
+    assert page.next.q is not None and np.array_equal(page.next.q, there)
+    assert bench.tool._arrows.position == pytest.approx(UZUNER.forward(there)[:3, 3], abs=1e-5)

@@ -17,6 +17,7 @@ from armctl.kinematics import CRITERIA, Target
 from armctl.motion.choices import way_refused
 from armctl.robot import Robot, load_robot
 from armctl.ui.guard import GuardedServer
+from armctl.ui.next_pose import PoseWriter
 from armctl.ui.tabs.inverse.answer import RankedSolutions, answer, short_branch, solve
 from armctl.ui.tabs.inverse.answer_html import comparison_html, list_row, result_html
 from armctl.ui.tabs.inverse.branches import branches_html, same_place
@@ -257,6 +258,24 @@ def test_targets_that_are_overtaken_while_they_wait_are_not_solved(
     page.press("Solve", times=9)
     assert len(solves) == 2
     assert page.next.q == pytest.approx(solved(220, -196, 85).q(1))
+
+
+def test_an_answer_overwrites_no_pose_that_was_written_after_it_was_asked_for(server: GuardedServer) -> None:
+    page = FakePage(server, ROBOT, HOME)
+    InverseScreen(page.session)
+    page.ask(220, -196, 85)
+    other, there, out = PoseWriter(page.session, "somebody"), HOME + 0.1, page.work_out
+
+    async def work_out(*given: Any, undo: object = None) -> Any:
+        other.show(there)
+        return await out(*given, undo=undo)
+
+    page.work_out = work_out  # type: ignore[method-assign]
+    page.press("Solve")
+    assert "solutions inside the limits" in page.html
+    assert page.next.q is not None and np.array_equal(page.next.q, there)
+    page.press("Go by least energy")  # this is what was asked for last
+    assert page.shown_at_sending[-1] == pytest.approx(solved(220, -196, 85).q(1))
 
 
 @pytest.mark.parametrize(("name", "unit"), [("uzuner", "% of stall"), ("ar4", "N·m")])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from armctl.errors import InputError, UnreachableError
 from armctl.program import LineStep, MoveStep, PointStep, Program
 from armctl.robot import load_robot
 from armctl.ui.guard import GuardedServer
-from armctl.ui.next_pose import NextPoses
+from armctl.ui.next_pose import NextPoses, PoseWriter
 from armctl.ui.tabs.manual.program_ahead import ProgramAhead
 from armctl.ui.tabs.manual.program_editor import ProgramEditor
 from armctl.ui.tabs.manual.scene_menu import SceneMenu, pressed_point
@@ -140,3 +141,43 @@ def test_what_no_page_says_is_refused(server: GuardedServer, value: str) -> None
     with pytest.raises(InputError):
         bench.say(value)
     assert bench.text == ""
+
+
+@pytest.mark.parametrize("forgotten", [False, True])
+def test_what_is_worked_out_overwrites_no_pose_that_was_written_later(
+    server: GuardedServer, forgotten: bool
+) -> None:
+    bench = Bench(server)
+    page: Any = bench.page
+    other = PoseWriter(bench.page.session, "somebody")
+    there = HOME + np.radians([20.0, 0, 0, 0, 0])
+    page.act(lambda: other.show(HOME + 0.1))
+
+    def later() -> None:
+        other.show(there)
+        if forgotten:
+            page.next.clear()
+
+    out = page.work_out
+
+    async def work_out(*given: Any, undo: object = None) -> object:
+        found = await out(*given, undo=undo)
+        later()
+        return found
+
+    page.work_out = work_out
+    bench.press(TIP + np.array([0.02, 0.01, 0.0]))
+    bench.do("menu-here")
+    at_the_menu = page.next.q
+    bench.press(TIP)
+    bench.do("menu-point")
+
+    def choose() -> None:
+        bench.editor.choose(0)  # worked out when ``later`` is over
+        later()
+
+    page.act(choose)
+    for q in (at_the_menu, page.next.q):
+        assert q is None if forgotten else q is not None and np.array_equal(q, there)
+    page.act(lambda: bench.editor.choose(0))
+    assert page.next.writer is not None and page.next.writer.words == "step 1"

@@ -59,6 +59,7 @@ class DraggedTool:
             if event.client is not None and not session.closed:
                 self._point, self._dragged = np.array(self._arrows.position), True
                 self._held = event.phase != "end"
+                self._writer.begin()
                 await session.attempt(self._solving.run)
 
         self._arrows.on_update(drag)
@@ -88,9 +89,10 @@ class DraggedTool:
         q, missed = await asyncio.to_thread(dragged_near, self._robot, point, before, done=done)
         if self._session.closed:
             return
-        self._tell(missed, point, q)
-        if q is not None:
-            self._writer.show(q)
+        if not self._writer.overtaken:
+            self._tell(missed, point, q)
+            if q is not None:
+                self._writer.show(q)
         if done and not self._held:
             self._told_out = False
             self._dragged = False

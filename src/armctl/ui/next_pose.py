@@ -103,6 +103,7 @@ class PoseWriter:
         """
         self._next, self.words, self.movement = session.next, words, movement
         self.ended, self.settled, self.kept_words = ended, settled, kept_words
+        self._begun = 0
         self._next.writers.append(self)
 
     @property
@@ -118,11 +119,22 @@ class PoseWriter:
     def show(self, q: FloatArray) -> None:
         """Make ``q`` (n,) [rad] the next pose."""
         self._next.set(q, self)
+        self._begun = self._next.writes
+
+    def begin(self) -> None:
+        """Something was asked for that has to be worked out: what others write from now on is newer."""
+        self._begun = self._next.writes
+
+    @property
+    def overtaken(self) -> bool:
+        """Whether somebody else has written the next pose, or forgotten it, since this one began."""
+        return self._next.writes != self._begun
 
     def hide(self) -> None:
         """There is no next pose, if it was this one's."""
         if self.shown:
             self._next.clear(None)
+            self._begun = self._next.writes
 
     async def go(self, q: FloatArray) -> None:
         """Make ``q`` (n,) [rad] the next pose, and send it."""
@@ -211,7 +223,9 @@ class NextPose:
         self.writers: list[PoseWriter] = []
         self.writer: PoseWriter | None = None
         self.number = 0
-        """counts what was written: *Go* names the one that it was pressed for"""
+        """counts what was written and planned: *Go* names the one that it was pressed for"""
+        self.writes = 0
+        """counts how often somebody wrote it or forgot it"""
         self._going = False
         self._asked: _ToPlan | None = None
         self._planned: _Planned | None = None
@@ -247,6 +261,7 @@ class NextPose:
         """Make ``q`` (n,) [rad] the next pose; where the arm stands there, there is none."""
         if self._session.closed:  # what was asked for has outlived its page
             return
+        self.writes += 1
         snapshot, before = self._session.snapshot, self.writer
         if self._is_there(q, snapshot):
             self.clear(None if before is writer else "replaced")
@@ -269,6 +284,7 @@ class NextPose:
             return
         writer, self.writer = self.writer, None
         self.q, self._going = None, False
+        self.writes += why != "arrived"
         self._forget_plan()
         self._poses.by_party.pop(self._session.me, None)
         self.ghost.hide()

@@ -373,11 +373,13 @@ class CalibrationPoints:
         lifts = ABOVE_M if self._points.sheet is None else FAR_ABOVE_M
         if aim is not None:
             point, ahead, lifts = aim.in_base(own), aim.ahead, lifts_for(aim.height_sd(near, own))
-        above = await self._session.work_out(
+        self._writer.begin()
+        q, profile = await self._session.work_out(
             pose_above, self._session.held, point, near, start, side, lifts, ahead
         )
-        q, self._profile = above
-        self._writer.show(q)
+        if not self._writer.overtaken:
+            self._profile = profile
+            self._writer.show(q)
 
     # The correction.
 

@@ -183,6 +183,7 @@ class InverseScreen:
         is_newest, start = self._newest.begin(), self._session.snapshot.q_command
         criterion, profile = self._criterion.value, self._movement.profile
         held = self._session.held
+        self._writer.begin()
         async with self._one_at_a_time, self._session.console.precedence.turn():
             if not is_newest():
                 return
@@ -190,7 +191,7 @@ class InverseScreen:
         if is_newest():
             row = self._pager.row if np.array_equal(again.order, found.order) else None
             self._show(again)
-            if row is not None:
+            if row is not None and not self._writer.overtaken:
                 self._select(row)
 
     async def _solve_dragged(self) -> None:
@@ -208,6 +209,7 @@ class InverseScreen:
             self._forget(refusal)
             raise
         criterion, profile, held = self._criterion.value, self._movement.profile, self._session.held
+        self._writer.begin()
         async with self._one_at_a_time, self._session.console.precedence.turn():
             if not is_newest():
                 return None
@@ -322,7 +324,8 @@ class InverseScreen:
         self._branches.show(found)
         self._mark.position = solutions.target.position
         self._mark.visible = True
-        self._show_ghost()
+        if not self._writer.overtaken:
+            self._show_ghost()
         self._curve.show(found, self._pager.row)
 
     def _show_ghost(self) -> None:

@@ -91,6 +91,7 @@ class ProgramEditor:
 
     def _ask(self, key: str) -> None:
         self.leads_nowhere, self._asked = "", key
+        self._writer.begin()
         self._session.spawn(self._showing.run())
 
     async def _show_end(self) -> None:
@@ -104,7 +105,7 @@ class ProgramEditor:
                 q = await asyncio.to_thread(pose_after, session.held, linked, row, start)
             except ArmctlError as refusal:
                 refused = f"step {row + 1}: {refusal}"
-        if self._shared.program is not program or self._asked != key:
+        if self._shared.program is not program or self._asked != key or self._writer.overtaken:
             return
         if q is not None and row is not None:
             self._shown, self._writer.words = key, f"step {row + 1}"

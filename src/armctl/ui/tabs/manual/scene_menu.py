@@ -120,7 +120,10 @@ class SceneMenu:
 
     async def _show(self, point: FloatArray) -> None:
         before = self._session.next.shown_in(self._session.snapshot)
-        self._writer.show(await self._session.work_out(_led_to, self._robot, point, before))
+        self._writer.begin()
+        q = await self._session.work_out(_led_to, self._robot, point, before)
+        if not self._writer.overtaken:
+            self._writer.show(q)
 
     async def _on_step(self, kind: type[PointStep | LineStep], _: str) -> None:
         x, y, z = np.round(1000 * self._take(), _DIGITS).tolist()
