@@ -119,7 +119,9 @@ def test_each_line_of_a_page_hears_everything() -> None:
     assert heard == {"a": ["0", "1", "2", "3"], "b": ["0", "1", "2", "3"]}
 
 
-def parts_of(server: GuardedServer, html: str, page: str = PAGE) -> tuple[Parts, queue.Queue[str]]:
+def parts_of(
+    server: GuardedServer, html: str, page: str = PAGE, load: str = ""
+) -> tuple[Parts, queue.Queue[str]]:
     """Parts that are linked to a page, and the keys of what is chosen there."""
     chosen: queue.Queue[str] = queue.Queue()
 
@@ -128,7 +130,7 @@ def parts_of(server: GuardedServer, html: str, page: str = PAGE) -> tuple[Parts,
         parts.show("ways", html)
         parts.on("way", chosen.put)
         parts.on("end", lambda _: server.part_lines.unlink(parts))
-        server.part_lines.link(page, parts)
+        server.part_lines.link(page, load, parts)
         return parts
 
     return asyncio.run_coroutine_threadsafe(make(), server.get_event_loop()).result(PATIENCE_S), chosen
@@ -202,7 +204,7 @@ def test_a_page_with_another_arm_gets_its_parts_on_a_new_line(server: GuardedSer
 
 def test_a_page_that_is_loaded_anew_presses_nothing_of_the_one_before(server: GuardedServer) -> None:
     """The server has not heard yet that the old one has gone; its end would stop what was begun there."""
-    _, before = parts_of(server, "of the old page")
+    _, before = parts_of(server, "of the old page", load="1")
     with line(server) as old:
         old.send(json.dumps({"page": PAGE, "load": "1"}))
         assert hear(old) == {"ways": "of the old page"}
@@ -212,9 +214,24 @@ def test_a_page_that_is_loaded_anew_presses_nothing_of_the_one_before(server: Gu
     with line(server) as new:
         new.send(json.dumps({"page": PAGE, "load": "2"}))
         new.send(json.dumps({"do": "way", "key": "1"}))
-        _, chosen = parts_of(server, "of the new page")
+        _, chosen = parts_of(server, "of the new page", load="2")
         assert hear(new) == {"ways": "of the new page"}
         assert chosen.get(timeout=PATIENCE_S) == "1" and before.empty()
+
+
+def test_a_line_of_a_page_that_has_gone_keeps_no_other_from_its_parts(server: GuardedServer) -> None:
+    """After a restart of the server an old page knocks, too, before it is loaded anew."""
+    with line(server) as old, line(server) as new:
+        old.send(json.dumps({"page": PAGE, "load": "1"}))  # it never says that it goes
+        new.send(json.dumps({"page": PAGE, "load": "2"}))
+        parts_of(server, "of the new page", load="2")
+        assert hear(new) == {"ways": "of the new page"}
+        parts_of(server, "of another arm", load="2")
+        with pytest.raises(ConnectionClosed):
+            hear(new)
+    with line(server) as new:
+        new.send(json.dumps({"page": PAGE, "load": "2"}))
+        assert hear(new) == {"ways": "of another arm"}
 
 
 def test_the_newer_of_two_lines_with_one_name_is_the_page_s(server: GuardedServer) -> None:

@@ -123,10 +123,10 @@ class App:
             )
             page.session.notify("Control", text)
 
-    def _link(self, page: str, session: Session) -> None:
+    def _link(self, page: str, load: str, session: Session) -> None:
         """The lines of ``page``, which calls itself so, are those of a session."""
         self._lines.link(page, session.me)
-        self.server.part_lines.link(page, session.parts)
+        self.server.part_lines.link(page, load, session.parts)
 
     def _prepare(self, page: Page) -> None:
         """Have one page do what takes a while the first time with an arm."""

@@ -47,7 +47,7 @@ class Page:
         self,
         client: viser.ClientHandle,
         robots: RobotSwitch,
-        link: Callable[[str, Session], None],
+        link: Callable[[str, str, Session], None],
         lost: Callable[[int], None],
     ) -> None:
         """Build the bar and empty tabs; ``link`` and ``lost`` as in ``Session.find_line``."""

@@ -391,9 +391,10 @@ class Session:
         except ArmctlError as broken:
             self.notify("Not finished", say(self.with_names(broken.reason)), "yellow")
 
-    async def find_line(self, link: Callable[[str, Session], None], lost: Callable[[int], None]) -> None:
-        """Ask the page which lines are its own: ``link(page, session)``, which then watches for its beats.
+    async def find_line(self, link: Callable[[str, str, Session], None], lost: Callable[[int], None]) -> None:
+        """Ask the page which lines are its own, ``link(page, load, session)``: then its beats are watched.
 
+        ``page`` is its name, ``load`` tells this time that it was loaded from others.
         ``lost(client id)`` while this page operates without a line that beats.
         """
         who = page_name(self.client.client_id)
@@ -402,7 +403,8 @@ class Session:
                 LOG.warning("%s does not answer", who)
                 lost(self.client.client_id)
             await asyncio.sleep(_LINK_AGAIN_S)
-        link(line, self)
+        page, _, load = line.partition(" ")
+        link(page, load, self)
 
     async def recall(self, key: str) -> str | None:
         """What this browser remembers under a key; None: nothing, or it keeps no storage."""

@@ -30,7 +30,8 @@
     byte.toString(16).padStart(2, "0"),
   ).join("");
 
-  globalThis.armctlPage = page; // the line of its parts says it, too (parts.js)
+  const load = crypto.getRandomValues(new Uint32Array(2)).join(".");
+  Object.assign(globalThis, { armctlPage: page, armctlLoad: load }); // the line of its parts says them, too (parts.js)
 
   // This page's name outlives its being loaded anew, so that control comes back to it; so do its tabs and what is
   // typed. In between they are kept; while the page is open they are not, as a copy of its tab would get them, too.
@@ -107,7 +108,7 @@
   // The server asks for these: so it learns which line is whose. The theme is the one chosen here, or else the
   // system's.
   viser("answer", {
-    "armctl-page": () => page,
+    "armctl-page": () => `${page} ${load}`,
     "armctl-drawn-by": drawnBy,
     "armctl-window": () => `${innerWidth} ${innerHeight}`,
     "armctl-theme": (kept) => kept ?? (matchMedia("(prefers-color-scheme: dark)").matches ? "Dark" : null),

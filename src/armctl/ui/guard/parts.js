@@ -16,7 +16,6 @@
   const texts = new Map(); // the newest HTML of each part
   const lists = new Map(); // of each list: the order of its rows, the HTML of each, and which have changed
   let line = null;
-  const load = crypto.getRandomValues(new Uint32Array(2)).join(" "); // a page that is loaded anew keeps its name
   let unanswered = 0; // how much of what was told the server has not done yet
   let press = { left: 0, at: 0 }; // how much of that up to the last button, and when that was
   let retry = RETRY_MS[0];
@@ -26,7 +25,7 @@
     line = new WebSocket(`${location.protocol.replace("http", "ws")}//${location.host}/page`);
     line.onopen = () => {
       unanswered = 0;
-      tell({ page: armctlPage, load });
+      tell({ page: armctlPage, load: armctlLoad });
     };
     line.onmessage = ({ data }) => {
       retry = RETRY_MS[0];

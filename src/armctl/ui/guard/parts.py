@@ -202,22 +202,23 @@ class PartLines:
         """by the name that the page gave itself"""
         self._lines: dict[str, ServerConnection] = {}
         self._loads: dict[str, str] = {}
-        """by page, which time of its being loaded its parts are of, once that has a line"""
+        """by page, which time of its being loaded its parts are of"""
         self._linked = asyncio.Event()
 
-    def link(self, page: str, parts: Parts) -> None:
-        """These are the parts of ``page`` from now on. A line with others ends; the page opens a new one."""
+    def link(self, page: str, load: str, parts: Parts) -> None:
+        """These are the parts of ``page`` from now on, as it was loaded this time.
+
+        A line with others ends; the page opens a new one.
+        """
         self._end(page)
-        self._loads.pop(page, None)
-        self._parts[page] = parts
+        self._parts[page], self._loads[page] = parts, load
         self._linked.set()
         self._linked = asyncio.Event()
 
     def unlink(self, parts: Parts) -> None:
         """These are the parts of no page any more."""
         for page in [page for page, one in self._parts.items() if one is parts]:
-            del self._parts[page]
-            self._loads.pop(page, None)
+            del self._parts[page], self._loads[page]
             self._end(page)
 
     def _end(self, page: str) -> None:
@@ -228,7 +229,8 @@ class PartLines:
         """Serve a line that the web server has let in, until it ends. What is done there waits its turn.
 
         A page that is loaded anew keeps its name. On a busy computer its line may be here before anybody
-        knows that the page before it has gone: the parts are that one's, and what is pressed ends with it.
+        knows that the page before it has gone, and that one's line after its parts have come: each gets its
+        own parts only, as what is pressed ends with them.
         """
         gauge = _Gauge(asyncio.get_running_loop().time)
         with suppress(ConnectionClosed):
@@ -236,10 +238,9 @@ class PartLines:
                 async with asyncio.timeout(_UNKNOWN_S):
                     begun = _said(await line.recv())
                     page = begun.page or ""
-                    while page not in self._parts or self._loads.get(page, begun.load) != begun.load:
+                    while self._loads.get(page) != begun.load:
                         await self._linked.wait()
                 self._end(page)
-                self._loads[page] = begun.load
                 parts, self._lines[page] = self._parts[page], line
                 answered = _Count()
                 telling = asyncio.create_task(parts.tell(line.send, answered.take))
