@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import queue
+import threading
 from collections.abc import Iterator
 from functools import partial
 
@@ -232,6 +233,18 @@ def test_a_line_of_a_page_that_has_gone_keeps_no_other_from_its_parts(server: Gu
     with line(server) as new:
         new.send(json.dumps({"page": PAGE, "load": "2"}))
         assert hear(new) == {"ways": "of another arm"}
+
+
+def test_a_line_that_waits_keeps_no_server_from_ending(server: GuardedServer) -> None:
+    with line(server) as page:
+        page.send(json.dumps({"page": PAGE}))
+        page.ping().wait(PATIENCE_S)
+        ended = threading.Thread(target=server.stop)
+        ended.start()
+        with pytest.raises(ConnectionClosed):
+            hear(page)
+        ended.join()
+    assert server.get_event_loop().is_closed()
 
 
 def test_the_newer_of_two_lines_with_one_name_is_the_page_s(server: GuardedServer) -> None:

@@ -179,18 +179,26 @@
     if (same && (known === null || now - known <= LEFT_MS)) return;
     if (now - reloaded < RELOAD_MS) return; // it is served by and by; to ask again would begin that anew
     reloaded = now;
-    location.reload();
+    loadAnew();
+  }
+  // A server that is ending serves no page: the browser's own words would take the place of this one for good.
+  async function loadAnew() {
+    if ((await pageStatus()) === 200) location.reload();
+    else reloaded = -Infinity;
   }
 
-  // A browser does not tell why a line is refused.
+  // A browser does not tell why a line is refused. 0: nobody answers.
+  async function pageStatus() {
+    try {
+      return (await fetch("/", { method: "HEAD", cache: "no-store" })).status;
+    } catch {
+      return 0;
+    }
+  }
   async function knock(now) {
     knocked = now;
-    try {
-      const answer = await fetch("/", { method: "HEAD", cache: "no-store" });
-      shutOut = !line && answer.status === 401;
-    } catch {
-      shutOut = false;
-    }
+    const status = await pageStatus();
+    shutOut = !line && status === 401;
   }
 
   function lose() {

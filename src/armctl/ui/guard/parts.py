@@ -225,6 +225,19 @@ class PartLines:
         if (line := self._lines.pop(page, None)) is not None:
             line.transport.abort()
 
+    async def _wait_for(self, line: ServerConnection, page: str, load: str) -> None:
+        """Wait until a page has its parts; raises ``ConnectionClosed`` where its line ends before."""
+        closed = asyncio.create_task(line.wait_closed())
+        try:
+            while self._loads.get(page) != load:
+                linked = asyncio.create_task(self._linked.wait())
+                await asyncio.wait({linked, closed}, return_when=asyncio.FIRST_COMPLETED)
+                linked.cancel()
+                if closed.done():
+                    raise line.protocol.close_exc
+        finally:
+            closed.cancel()
+
     async def handle(self, line: ServerConnection) -> None:
         """Serve a line that the web server has let in, until it ends. What is done there waits its turn.
 
@@ -238,8 +251,7 @@ class PartLines:
                 async with asyncio.timeout(_UNKNOWN_S):
                     begun = _said(await line.recv())
                     page = begun.page or ""
-                    while self._loads.get(page) != begun.load:
-                        await self._linked.wait()
+                    await self._wait_for(line, page, begun.load)
                 self._end(page)
                 parts, self._lines[page] = self._parts[page], line
                 answered = _Count()
