@@ -36,6 +36,29 @@ def test_inches_and_steps_from_where_it_is() -> None:
     assert ends("G20 G91\nG1 X1\nY1\nG21 G1 X1") == [[[0.0, 0.0], [26.4, 25.4]]]
 
 
+def test_a_place_gets_another_name_and_home_is_gone_to_with_the_pen_up() -> None:
+    named = "G0 X10 Y20\nG92 X0 Y0\nG1 X5\nG91\nG1 Y1\nG90\nG1 X0 Y0\nG28\nG1 X1"
+    assert ends(named) == [[[10.0, 20.0], [10.0, 20.0]], [[0.0, 0.0], [11.0, 0.0]]]
+    assert next(stroke.length for stroke in read_gcode(named).strokes) == pytest.approx(6 + 26**0.5)
+    assert ends("G92 X0 Y0 Z0\nG0 Z5\nG1 X1\nG1 Z0\nX3\nG28\nG1 X4") == [[[1.0, 0.0], [3.0, 0.0]]]
+
+
+def test_numbers_of_programs_and_lines_and_their_sums_are_passed_over() -> None:
+    assert ends("%\nO1000\nN10 G0 X1 *57\nN20 G1 X2*61 \n%") == [[[1.0, 0.0], [2.0, 0.0]]]
+
+
+@given(st.floats(-50, 50), st.floats(-50, 50), st.booleans(), st.booleans())
+def test_a_circle_is_whole_wherever_it_begins(i: float, j: float, clockwise: bool, inches: bool) -> None:
+    radius = float(np.hypot(i, j)) * (25.4 if inches else 1.0)
+    if radius < 0.5:
+        return
+    word, unit = ("G2" if clockwise else "G3"), ("G20" if inches else "G21")
+    around = f"{word} X{3 + 2 * i:.9f} Y{7 + 2 * j:.9f} I{i:.9f} J{j:.9f}"
+    back = f"{word} X3 Y7 I{-i:.9f} J{-j:.9f}"
+    (stroke,) = read_gcode(f"{unit}\nG0 X3 Y7\n{around}\n{back}\n{word} X3 Y7 I{i:.9f} J{j:.9f}").strokes
+    assert stroke.length == pytest.approx(4 * np.pi * radius, rel=2e-3)
+
+
 @pytest.mark.parametrize(
     ("words", "middle", "length"),
     [

@@ -132,8 +132,9 @@ def _tell(file: Path, record: dict[str, object], plan: DrawingPlan) -> None:
     for one in plan.left_out:
         click.echo(f"armctl: warning: {file}: {say(one.fact)}", err=True)
     tilt = "" if not record["tilt_deg"] else f", the pen tilted by {abs(plan.hold.tilt) * 180 / np.pi:.0f}°"
+    strokes = "1 stroke" if record["strokes"] == 1 else f"{record['strokes']} strokes"
     click.echo(
-        f"{file}: {record['strokes']} strokes, {1000 * plan.drawn_m:.0f} mm in "
+        f"{file}: {strokes}, {1000 * plan.drawn_m:.0f} mm in "
         f"{plan.trajectory.duration:.1f} s{tilt}; the planned line is within "
         f"{1000 * plan.line_error_m:.2f} mm, {100 * plan.at_speed:.0f} % of it at speed"
     )

@@ -17,13 +17,14 @@ from armctl.drawing.svg_path import arc, flattened
 from armctl.errors import DrawingError
 from armctl.lazy_dataclass import dataclass
 
-_COMMENT = re.compile(r"\([^()]*\)|[;%].*")
+_COMMENT = re.compile(r"\([^()]*\)|[;%].*|\*[0-9]+\s*$")
+"""and the sum at the end of a line by which a machine checks it"""
 _WORD = re.compile(r"\s*([A-Za-z])\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))")
 _MOTIONS = {0.0: 0, 1.0: 1, 2.0: 2, 3.0: 3}
 _PASSED_OVER_G = (4.0, 17.0, 40.0, 49.0, 54.0, 61.0, 64.0, 80.0, 94.0)
 _PASSED_OVER_M = (0.0, 1.0, 2.0, 6.0, 7.0, 8.0, 9.0, 30.0)
 _ENDS = (2.0, 30.0)
-_LETTERS = "GMXYZIJRFSTNPK"
+_LETTERS = "GMXYZIJRFSTNOPK"
 _MOST_LINES = 200_000
 _SAME_RADIUS, _SAME_RADIUS_MM = 0.01, 0.05
 """by how much the two ends of an arc may differ in their distance from its middle"""
@@ -43,6 +44,8 @@ class _Machine:
     motion: int | None = None
     place: FloatArray = field(default_factory=lambda: np.zeros(2))
     """[mm]"""
+    origin: FloatArray = field(default_factory=lambda: np.zeros(2))
+    """where the file's X and Y are 0 [mm]"""
     height: float | None = None
     """None: the file has no Z"""
     spindle: bool = False
@@ -118,10 +121,12 @@ def _words(line: str) -> list[tuple[str, float]]:
 def _obeyed(machine: _Machine, words: list[tuple[str, float]], line: int) -> bool:
     """Do what one line says; whether it ends the program."""
     values: dict[str, float] = {}
-    ends = passed_over = False
+    ends = passed_over = sets_origin = goes_home = False
     for letter, value in words:
         if letter == "G":
             passed_over |= value == 4.0
+            sets_origin |= value == 92.0
+            goes_home |= value in (28.0, 30.0)
             _set(machine, value)
         elif letter == "M":
             ends |= value in _ENDS
@@ -135,7 +140,13 @@ def _obeyed(machine: _Machine, words: list[tuple[str, float]], line: int) -> boo
             values[letter] = value
     if values.get("S") == 0.0 and machine.by_spindle:
         machine.spindle = False  # a laser, or a pen's servo, that is off
-    if not passed_over:
+    if sets_origin:
+        _set_origin(machine, values)
+    elif goes_home:
+        machine.lift()
+        machine.place = np.zeros(2)
+        machine.height = None if machine.height is None else _LIFTED_MM
+    elif not passed_over:
         _move(machine, values, line)
     if not machine.down:
         machine.lift()
@@ -149,8 +160,18 @@ def _set(machine: _Machine, value: float) -> None:
         machine.scale = 25.4 if value == 20.0 else 1.0
     elif value in (90.0, 91.0):
         machine.relative = value == 91.0
-    elif value not in _PASSED_OVER_G:
-        raise DrawingError(f"G{value:g} is not known here; known are G0 to G3, G20, G21, G90 and G91")
+    elif value not in (*_PASSED_OVER_G, 28.0, 30.0, 92.0):
+        known = "G0 to G3, G20, G21, G28, G90, G91 and G92"
+        raise DrawingError(f"G{value:g} is not known here; known are {known}")
+
+
+def _set_origin(machine: _Machine, values: dict[str, float]) -> None:
+    """G92: what the file calls the present place from now on; Z 0 is on the paper after it, too."""
+    for axis, letter in enumerate("XY"):
+        if letter in values:
+            machine.origin[axis] = machine.place[axis] - values[letter] * machine.scale
+    if "Z" in values:
+        machine.height = values["Z"] * machine.scale
 
 
 def _move(machine: _Machine, values: dict[str, float], line: int) -> None:
@@ -166,7 +187,7 @@ def _move(machine: _Machine, values: dict[str, float], line: int) -> None:
     for axis, letter in enumerate("XY"):
         if letter in values:
             value = values[letter] * machine.scale
-            end[axis] = end[axis] + value if machine.relative else value
+            end[axis] = value + (end if machine.relative else machine.origin)[axis]
     draws = machine.motion > 0 and was_down and machine.down
     turns = machine.motion in (2, 3)
     if not turns and values.keys() & {"I", "J"}:
@@ -197,8 +218,8 @@ def _arc(machine: _Machine, values: dict[str, float], end: FloatArray) -> FloatA
     sweep = (to - begin) % (2.0 * math.pi)
     if clockwise:
         sweep -= 2.0 * math.pi
-    elif sweep < 1e-9:
-        sweep = 2.0 * math.pi
+    if abs(sweep) < 1e-9:  # begin and end are one place, but for rounding
+        sweep = -2.0 * math.pi if clockwise else 2.0 * math.pi
     round_arc = arc(middle, np.array([radius, 0.0]), np.array([0.0, radius]), begin, sweep)
 
     def at(t: FloatArray) -> FloatArray:
