@@ -161,6 +161,40 @@ def test_the_librarys_dataclasses_derive_from_it_and_it_from_them() -> None:
         dataclasses.dataclass(type("D", (A,), {}))
 
 
+def test_a_method_may_be_wrapped_before_it_is_made() -> None:
+    Point = point(dataclass)
+    made, seen = Point.__init__, list[float]()
+
+    def init(self: Any, *values: Any, **named: Any) -> None:
+        made(self, *values, **named)
+        seen.append(self.x)
+
+    Point.__init__ = init
+    assert [Point(1.0).x, Point(x=2.0).x] == seen == [1.0, 2.0]
+
+
+def refusals(decorator: Decorator) -> list[object]:
+    """What comes of a record that is frozen as its base is not, and of one that says itself what is set."""
+
+    def derived(*, frozen: bool) -> object:
+        base = decorator(frozen=not frozen)(type("Base", (), {"__annotations__": {"a": int}}))
+        return decorator(frozen=frozen)(type("Derived", (base,), {}))
+
+    def own(name: str) -> object:
+        return decorator(frozen=True)(type("Own", (), {name: lambda *given: None}))
+
+    return [
+        *(told(lambda frozen=frozen: derived(frozen=frozen)) for frozen in (True, False)),
+        *(told(lambda name=name: own(name)) for name in ("__setattr__", "__delattr__")),
+    ]
+
+
+def test_it_refuses_what_the_library_refuses() -> None:
+    found = refusals(dataclass)
+    assert found == refusals(dataclasses.dataclass)
+    assert all(isinstance(one, tuple) for one in found)
+
+
 @dataclass(frozen=True, slots=True)
 class Kept:
     """One that a pickle finds."""

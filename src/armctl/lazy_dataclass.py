@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 import inspect
 from collections.abc import Callable
-from functools import partial
+from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -36,11 +36,11 @@ def _decorated(cls: Any, *, frozen: bool, slots: bool, eq: bool, repr: bool) -> 
         del own["__hash__"]  # not the class's own: Python put it there
     if cls.__doc__ is None:
         cls.__doc__ = cls.__name__  # the library would put a signature there
-    of_frozen = any(base.__dataclass_params__.frozen for base in _dataclasses(cls))
-    cls = dataclasses.dataclass(init=False, repr=False, eq=False, frozen=of_frozen, slots=slots)(cls)
+    derived = any(map(dataclasses.is_dataclass, cls.__mro__[1:]))  # then the library looks at its bases, too
+    cls = dataclasses.dataclass(init=False, repr=False, eq=False, frozen=frozen and derived, slots=slots)(cls)
     params = cls.__dataclass_params__  # what the library asks of the bases of a class
     params.init, params.repr, params.eq, params.frozen = True, repr, eq, frozen
-    if frozen and not of_frozen:
+    if frozen and not derived:
         _freeze(cls, own, slots=slots)
     for name, wanted in {"__init__": True, "__repr__": repr, "__eq__": eq, "__hash__": eq and frozen}.items():
         if wanted and name not in own:
@@ -52,14 +52,12 @@ def _decorated(cls: Any, *, frozen: bool, slots: bool, eq: bool, repr: bool) -> 
     return cls
 
 
-def _dataclasses(cls: Any) -> list[Any]:
-    return [base for base in cls.__mro__[1:] if dataclasses.is_dataclass(base)]
-
-
 def _freeze(cls: Any, own: dict[str, Any], *, slots: bool) -> None:
     names = frozenset(field.name for field in dataclasses.fields(cls))
-
     above: Any = partial(super, cls)
+    for name in ("__setattr__", "__delattr__"):
+        if name in own:
+            raise TypeError(f"Cannot overwrite attribute {name} in class {cls.__name__}")
 
     def set_value(self: Any, name: str, value: Any) -> None:
         if type(self) is cls or name in names:
@@ -87,10 +85,13 @@ def _set_values(self: Any, values: list[Any]) -> None:
 
 
 def _made_when_called(cls: Any, name: str, make: Callable[[], Any]) -> Callable[..., Any]:
+    make = cache(make)
+
     def first(self: Any, /, *args: Any, **named: Any) -> Any:
-        if cls.__dict__[name] is first:  # no other thread was faster
-            setattr(cls, name, make())
-        return cls.__dict__[name](self, *args, **named)
+        made = make()
+        if cls.__dict__.get(name) is first:  # else another thread was faster, or somebody has wrapped it
+            setattr(cls, name, made)
+        return made(self, *args, **named)
 
     return first
 
