@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import re
+import weakref
 from collections.abc import Callable
 from dataclasses import replace
 from html import unescape
@@ -208,6 +210,19 @@ def test_what_a_page_kept_changes_no_newer_pose_and_is_nothing_to_another_arm(se
     back.act(newer.hide)
     back.act(lambda: back.parts.done("recall", "", kept.replace("uzuner", "abaas")))
     assert back.next.q is None
+
+
+def test_what_a_page_kept_leaves_nothing_behind_once_it_is_forgotten(page: FakePage) -> None:
+    page.act(lambda: PoseWriter(page.session, "old").show(THERE))
+    page.next.refresh(page.session.snapshot)
+    kept = kept_by(page)
+    page.act(lambda: page.parts.done("forget", ""))
+    page.act(lambda: page.parts.done("recall", "", kept))
+    assert page.next.writer is not None
+    recalled = weakref.ref(page.next.writer)
+    page.act(lambda: page.parts.done("forget", ""))
+    gc.collect()
+    assert page.next.q is None and recalled() is None
 
 
 @pytest.mark.parametrize(

@@ -38,8 +38,7 @@ from armctl.ui.guard.parts import Parts
 from armctl.ui.scene.ghost import SAME_RAD, Ghost, Lines, segments
 from armctl.ui.widgets.html import button, fixed, sentence
 
-_COLOR = (0, 180, 216)
-_THEIRS = (134, 142, 150)
+_COLOR, _THEIRS = (0, 180, 216), (134, 142, 150)
 _PATH_POINTS = 48
 _LINE = "next"
 _NONE = "there is no next pose yet"
@@ -91,7 +90,7 @@ class PoseWriter:
         session: WritingPage,
         words: str,
         movement: Callable[[], Movement] = usual,
-        ended: Callable[[End], None] = lambda _: None,
+        ended: Callable[[End], None] | None = None,
         settled: Callable[[], None] = lambda: None,
         kept_words: str = "",
     ) -> None:
@@ -102,9 +101,10 @@ class PoseWriter:
         on a page that is loaded anew; empty: ``words``, which go on being true.
         """
         self._next, self.words, self.movement = session.next, words, movement
-        self.ended, self.settled, self.kept_words = ended, settled, kept_words
+        self.ended, self.settled, self.kept_words = ended or (lambda _: None), settled, kept_words
         self._begun = 0
-        self._next.writers.append(self)
+        if ended is not None:
+            self._next.told.append(self)
 
     @property
     def shown(self) -> bool:
@@ -119,7 +119,7 @@ class PoseWriter:
     def show(self, q: FloatArray) -> None:
         """Make ``q`` (n,) [rad] the next pose."""
         self._next.set(q, self)
-        self._begun = self._next.writes
+        self.begin()
 
     def begin(self) -> None:
         """Something was asked for that has to be worked out: what others write from now on is newer."""
@@ -134,7 +134,7 @@ class PoseWriter:
         """There is no next pose, if it was this one's."""
         if self.shown:
             self._next.clear(None)
-            self._begun = self._next.writes
+            self.begin()
 
     async def go(self, q: FloatArray) -> None:
         """Make ``q`` (n,) [rad] the next pose, and send it."""
@@ -220,7 +220,8 @@ class NextPose:
         self._poses = session.console.shared(NextPoses)
         self.q: FloatArray | None = None
         """(n,) [rad]; None: there is none"""
-        self.writers: list[PoseWriter] = []
+        self.told: list[PoseWriter] = []
+        """who wants to hear that somebody else writes"""
         self.writer: PoseWriter | None = None
         self.number = 0
         """counts what was written and planned: *Go* names the one that it was pressed for"""
@@ -232,13 +233,13 @@ class NextPose:
         """None: it is not known yet"""
         self._planning = OneAtATime(self._plan)
         session.on_press("go", "Go", self._on_go)
-        session.on_part("forget", self._on_forget)
+        session.on_part("forget", lambda _: self.clear())
         session.on_part_value("recall", self._on_recall)
 
     @property
-    def movement(self) -> Movement | None:
-        """How the arm goes to it, as it was planned last; None: not known."""
-        return None if self._asked is None else self._asked.movement
+    def _movement(self) -> Movement:
+        """How the arm goes to it, as it was planned last."""
+        return usual() if self._asked is None else self._asked.movement
 
     @property
     def trajectory(self) -> Trajectory | None:
@@ -272,10 +273,9 @@ class NextPose:
             self._poses.by_party[self._session.me] = self.q
         self.writer = writer
         self.ghost.show(q, label="next pose")
-        if before is not writer:
-            for other in self.writers:
-                if other is not writer:
-                    other.ended("replaced")
+        for other in self.told if before is not writer else ():
+            if other is not writer:
+                other.ended("replaced")
         self.refresh(snapshot)
 
     def clear(self, why: End | None = "forgotten") -> None:
@@ -321,7 +321,7 @@ class NextPose:
         """Also where it came to it from one side, half of the play ahead."""
         if snapshot.busy:
             return False
-        profile, standing = usual()[0] if self.movement is None else self.movement[0], self.standing(snapshot)
+        (profile, _), standing = self._movement, self.standing(snapshot)
         ends = [q] if profile not in ONE_SIDED else [q, commanded_end(self._robot, q, profile)]
         return any(float(np.abs(end - standing).max()) < SAME_RAD for end in ends)
 
@@ -380,13 +380,10 @@ class NextPose:
         await self._session.submit(MoveJoints(q, duration, profile))
         self._going = self.q is not None and np.array_equal(q, self.q)
 
-    def _on_forget(self, _: str) -> None:
-        self.clear()
-
     # A page that is loaded anew says what it had (``overlay.js``). It can do no more by it than by typing.
 
     def _kept(self, q: FloatArray, words: str) -> str:
-        profile, duration = self.movement or usual()
+        profile, duration = self._movement
         kept = _Kept(self._robot.name, tuple(q.tolist()), words, profile, duration)
         return f"<i hidden data-keep=recall data-kept='{escape(msgspec.json.encode(kept).decode())}'></i>"
 
@@ -403,8 +400,7 @@ class NextPose:
     # The line.
 
     def _html(self, snapshot: Snapshot) -> str:
-        why = self._session.why_not(Need.HOLDING, snapshot)
-        record = self._record(snapshot)
+        why, record = self._session.why_not(Need.HOLDING, snapshot), self._record(snapshot)
         if self.q is None or self.writer is None:
             return _line("<b>No next pose</b>", _HOW, record + _go(_NONE))
         x, y, z = (fixed(1000 * value, 1) for value in self._robot.forward(self.q)[:3, 3].tolist())
