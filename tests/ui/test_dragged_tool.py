@@ -145,6 +145,25 @@ def test_it_writes_the_next_pose_and_the_arrows_stand_at_its_tool(server: Guarde
     assert not bench.tool._arrows.visible
 
 
+def test_a_click_that_drags_nothing_writes_nothing(server: GuardedServer) -> None:
+    bench = Dragging(server)
+    page, other = bench.page, PoseWriter(bench.page.session, "somebody")
+    there = HOME + np.radians([20.0, 0, 0, 0, 0])
+    page.act(lambda: other.show(there))
+    page.refresh(bench.tool)
+    tip = UZUNER.forward(there)[:3, 3]
+    for phase in ("start", "update", "end"):
+        bench.drag(tip, phase)
+    assert page.next.writer is other
+    for point, phase in ((tip, "start"), (tip + np.array([0.0, 0.0, 0.02]), "update"), (tip, "end")):
+        bench.drag(point, phase)  # away and back
+    assert page.next.writer is not None and page.next.writer.words == "dragged tool"
+    for phase in ("start", "end"):
+        bench.drag(tip + np.array([0.0, 0.0, 0.01]), phase)  # this does
+    assert page.next.q is not None
+    assert UZUNER.forward(page.next.q)[:3, 3] == pytest.approx(tip + np.array([0.0, 0.0, 0.01]), abs=1e-6)
+
+
 def test_it_overwrites_no_pose_that_was_written_after_it_was_let_go(server: GuardedServer) -> None:
     bench = Dragging(server)
     page, other = bench.page, PoseWriter(bench.page.session, "somebody")

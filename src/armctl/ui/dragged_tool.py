@@ -44,7 +44,8 @@ class DraggedTool:
         """not worked out yet; and still held"""
         self._told_out = False
         """that this drag leads out of reach"""
-        self._point = self._tool(session.snapshot)
+        self._point = self._stood = self._tool(session.snapshot)
+        """where they were dragged last; and where they stood before"""
         self._arrows = session.client.scene.add_transform_controls(
             "/tool",
             scale=_SCALE * self._robot.chain.length,
@@ -56,11 +57,15 @@ class DraggedTool:
         )
 
         async def drag(event: viser.TransformControlsEvent) -> None:
-            if event.client is not None and not session.closed:
-                self._point, self._dragged = np.array(self._arrows.position), True
-                self._held = event.phase != "end"
-                self._writer.begin()
-                await session.attempt(self._solving.run)
+            if event.client is None or session.closed:
+                return
+            self._point, held = np.array(self._arrows.position), event.phase != "end"
+            if not self._held and not self._dragged and np.abs(self._point - self._stood).max() <= _THERE_M:
+                return  # a click that drags nothing
+            self._dragged, self._held = True, held
+            self._stood = self._point
+            self._writer.begin()
+            await session.attempt(self._solving.run)
 
         self._arrows.on_update(drag)
 
@@ -77,7 +82,7 @@ class DraggedTool:
 
     def _stand(self, point: FloatArray) -> None:
         if not self._dragged and np.abs(self._arrows.position - point).max() > _THERE_M:
-            self._arrows.position = point
+            self._arrows.position = self._stood = point
 
     async def _solve(self) -> None:
         """Make what has the tool there the next pose; out of reach that which comes nearest."""
