@@ -94,6 +94,17 @@ def test_a_motion_is_pickled_copied_and_compared(motion: Trajectory) -> None:
     assert all(motion != another for another in MOTIONS if another is not motion)
 
 
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_the_state_at_one_time_is_what_it_is_among_many(motion: Trajectory) -> None:
+    inside = np.random.default_rng(0).uniform(0.0, motion.duration, 60)
+    times = [-0.1, 0.0, *inside.tolist(), motion.duration, motion.duration + 0.1]
+    many = motion.sample(np.array(times))
+    for k, time in enumerate(times):
+        one = motion.sample(time)
+        for alone, among in zip(one.made_of(), many.made_of(), strict=True):
+            np.testing.assert_array_equal(alone, among[k], strict=True)
+
+
 def test_motions_say_in_a_line_what_they_are() -> None:
     assert repr(A) == "PointToPoint(2.000 s, from (0.0, 0.0)° to (57.3, -57.3)°)"
     joined = JoinedTrajectory([A, B])

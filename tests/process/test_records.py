@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import msgspec
 import numpy as np
@@ -10,6 +10,7 @@ import pytest
 from tests.process.kit import ROBOT
 
 from armctl.errors import ArmctlError, InputError, MotionRefusedError, ProgramError, StateError
+from armctl.facts import Quantities
 from armctl.kinematics import Target
 from armctl.motion import Trajectory, plan_joints, plan_line, plan_spline
 from armctl.motion.trajectory import JoinedTrajectory, Sample, SlowedTrajectory
@@ -21,10 +22,10 @@ from armctl.process.records import (
     answer,
     commands,
     error_of,
-    light,
 )
+from armctl.process.snapshots import SnapshotWriter
 from armctl.program import CalledProgram, CallStep, MoveStep, Program, WaitStep
-from armctl.protocol import Command, Follow, FollowTarget, MoveJoints, MoveTo, RunProgram
+from armctl.protocol import Command, Follow, FollowTarget, MoveJoints, MoveTo, RunProgram, Snapshot
 
 HOME = ROBOT.pose("home")
 AWAY = HOME + np.radians([30, -20, 30, 10, 0])
@@ -141,11 +142,14 @@ def test_an_error_of_a_module_of_its_own_arrives_as_what_it_is_one_of() -> None:
 @BOTH
 def test_a_snapshot_arrives_whole_with_what_is_not_known(json: bool, holding_snapshot: object) -> None:
     codec = Codec(json=json)
-    was = light(holding_snapshot)  # type: ignore[arg-type]
-    record = codec.from_arm(codec.encode(Seen(was)))
-    assert isinstance(record, Seen)
-    for one in fields(was):
-        np.testing.assert_equal(getattr(record.snapshot, one.name), getattr(was, one.name))
+    assert isinstance(holding_snapshot, Snapshot)
+    write, was = SnapshotWriter(), replace(holding_snapshot, events=())
+    hot = replace(was, tick=was.tick + 1, quantities={"Base": Quantities(0.5, 60.0)}, warnings=("hot",))
+    for sent, told in ((holding_snapshot, was), (hot, hot), (was, was)):
+        record = codec.from_arm(write(codec, sent))
+        assert isinstance(record, Seen)
+        for one in fields(told):
+            np.testing.assert_equal(getattr(record.snapshot, one.name), getattr(told, one.name))
 
 
 def test_a_program_travels_with_those_that_it_calls() -> None:

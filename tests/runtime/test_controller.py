@@ -320,7 +320,7 @@ def test_what_may_move_is_looked_at_each_tick(holding: Rig, why: str) -> None:
     board = holding.controller._core.board
     assert board is not None
     if why == "led by hand":
-        board.limp[0] = True
+        board._let_go_of(np.arange(5) == 0)
     else:
         board._behind = {0: 1.0}
     assert set(waits_of(holding, 80)[1:]) == {TICK}

@@ -24,12 +24,14 @@ class Quantities:
 
     def __str__(self) -> str:
         """As people read them: ``load −12 %, 41 °C``."""
-        told = (
-            form.format(scale * value).replace("-0 ", "0 ").replace("-", "−")
-            for value, (scale, form) in zip((getattr(self, name) for name in NAMES), _FORMS, strict=True)
+        numbers = self.load, self.temperature_c, self.voltage_v, self.current_a
+        told = [
+            form.format(scale * value)
+            for value, (scale, form) in zip(numbers, _FORMS, strict=True)
             if value is not None
-        )
-        return ", ".join(told)
+        ]
+        words = ", ".join(told)
+        return words.replace("-0 ", "0 ").replace("-", "−") if "-" in words else words
 
 
 NAMES = tuple(one.name for one in fields(Quantities))
@@ -59,8 +61,10 @@ class QuantityLimits:
     @property
     def voltage_level_v(self) -> float | None:
         """From here down its supply is warned of [V]."""
-        levels = [self.voltage_v, None if self.supply_v is None else LOW_SUPPLY * self.supply_v]
-        return max((level for level in levels if level is not None), default=None)
+        low = None if self.supply_v is None else LOW_SUPPLY * self.supply_v
+        if low is None or self.voltage_v is None:
+            return self.voltage_v if low is None else low
+        return max(self.voltage_v, low)
 
 
 NEAR_HOTTEST_C = 10.0

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import field
 from enum import Enum
 from typing import Literal, ParamSpec, Protocol, TypeVar
+
+import msgspec
 
 from armctl.errors import ArmctlError, BoardError, BoardTimeoutError, StateError, out_of_range
 from armctl.facts import QuantityLimits
@@ -69,23 +70,22 @@ class HomingState:
         return all(self.homed.values())
 
 
-@dataclass(frozen=True, slots=True)
-class Readback:
+class Readback(msgspec.Struct, frozen=True):
     """Positions by channel in the board's unit; None where the board does not know."""
 
     positions: Mapping[int, float | None]
     source: Source
     errors: tuple[str, ...] = ()  # what the board itself reports, in words
     powered: bool | None = None  # whether its outputs are on; None: a channel is on where it has a position
-    faults: Mapping[int, str] = field(default_factory=dict[int, str])  # by channel, in words without its name
+    faults: Mapping[int, str] = {}  # by channel, in words without its name
     homing: HomingState | None = None  # None: the board needs no homing
-    warnings: Mapping[int, str] = field(default_factory=dict[int, str])  # as faults, but it goes on
+    warnings: Mapping[int, str] = {}  # as faults, but it goes on
     # By channel; None where the board does not measure it.
     load: Mapping[int, float | None] | None = None  # force of its motor, as a signed fraction of the largest
     temperature: Mapping[int, float | None] | None = None  # [°C]
     voltage: Mapping[int, float | None] | None = None  # of the supply [V]
     current: Mapping[int, float | None] | None = None  # of its motor [A]
-    limits: Mapping[int, QuantityLimits] = field(default_factory=dict[int, QuantityLimits])  # of these four
+    limits: Mapping[int, QuantityLimits] = {}  # of these four
     # Questions put to the board since the last reading, and those that got no answer and were asked again.
     asked: int = 1
     lost: int = 0
@@ -99,11 +99,11 @@ class Readback:
     on: Mapping[int, bool] | None = None
     # What its other pins are at, by the names that people call them: 0 or 1, or a share 0 ... 1. Of
     # ``Signals`` these are the levels of the pins: the runtime knows which are active low.
-    inputs: Mapping[str, float] = field(default_factory=dict[str, float])
-    outputs: Mapping[str, float] = field(default_factory=dict[str, float])
+    inputs: Mapping[str, float] = {}
+    outputs: Mapping[str, float] = {}
     # By name, how often an input has changed since the last reading, of a board that counts: a pulse between
     # two readings is seen.
-    changes: Mapping[str, int] = field(default_factory=dict[str, int])
+    changes: Mapping[str, int] = {}
     home_again: bool = False  # ``errors`` or ``faults`` tell already to home the arm
 
 
@@ -237,10 +237,16 @@ class ChannelTable:
                     f"{scale.noun} {one.channel} is configured twice; give each joint its own {scale.noun}"
                 )
             self._settings[one.channel] = one
+        self._ranges: dict[int, tuple[float, float, int, int]] = {}
+        """by channel that was admitted before: its range, and the first and the last step of it"""
         self.channels = tuple(sorted(self._settings))
         """the configured channels, lowest first"""
         self.settings = tuple(self._settings[channel] for channel in self.channels)
         """their settings, in the same order"""
+
+    def of(self, channel: int) -> ChannelSettings | None:
+        """The settings of a channel; None: it is not configured."""
+        return self._settings.get(channel)
 
     def whole_range(self, channel: int) -> tuple[int, int]:
         """The first and the last step that a configured channel may be sent."""
@@ -248,19 +254,22 @@ class ChannelTable:
 
     def admit(self, channel: int, value: float) -> int:
         """A setpoint [the board's unit] in whole steps; ``BoardError`` where it may not be sent."""
-        scale, settings = self._scale, self._settings.get(channel)
-        if settings is None:
+        scale = self._scale
+        if channel not in self._ranges and (settings := self._settings.get(channel)) is not None:
+            self._ranges[channel] = (settings.minimum, settings.maximum, *scale.whole_range(settings))
+        limits = self._ranges.get(channel)
+        if limits is None:
             known = ", ".join(map(str, self.channels)) or "none"
             raise BoardError(
                 f"{scale.noun} {channel} is not configured (configured: {known}); nothing was sent"
             )
         # Written so that a NaN, which compares false with everything, is refused too.
-        if not settings.minimum <= value <= settings.maximum:
+        minimum, maximum, first, last = limits
+        if not minimum <= value <= maximum:
             raise BoardError(
                 f"{scale.noun} {channel}: "
-                f"{out_of_range(value, settings.minimum, settings.maximum, scale.unit)}; nothing was sent"
+                f"{out_of_range(value, minimum, maximum, scale.unit)}; nothing was sent"
             )
-        first, last = scale.whole_range(settings)
         return min(last, max(first, round(value * scale.steps)))
 
 

@@ -182,6 +182,8 @@ class Chain(ByContent):
 
     def turns_beyond(self, q: FloatArray) -> list[tuple[TurnLimit, float]]:
         """The ``turn_limits`` that ``q`` (n,) does not keep, and what each link turns by there [rad]."""
+        if not self.turn_limits:
+            return []
         turns, excess = self.turns(q), self.turn_excess(q)
         limits = zip(self.turn_limits, excess.tolist(), strict=True)
         return [(limit, float(turns[limit.link])) for limit, over in limits if over > LIMIT_TOLERANCE]

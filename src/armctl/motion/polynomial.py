@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from functools import cache
 from typing import cast
 
@@ -53,6 +54,9 @@ class PiecewisePolynomial(ByContent):
         """(k, degree + 1, n)"""
         self.low, self.high = float(x[0]), float(x[-1])
         """where it begins and ends"""
+        self._breaks: list[float] = x.tolist()
+        self._known: tuple[int, int, list[FloatArray]] = (-1, -1, [])
+        """of the piece that was asked for last: which, up to which derivative, and their coefficients"""
         self.n = c.shape[2]
         """number of coordinates"""
 
@@ -74,6 +78,8 @@ class PiecewisePolynomial(ByContent):
 
         At a break the piece before it counts, at the very beginning the first piece.
         """
+        if type(x) is float:
+            return self._derivatives_at(min(max(x, self.low), self.high), order)
         x = np.minimum(np.maximum(np.asarray(x, dtype=np.float64), self.low), self.high)
         piece = self.breaks[1:-1].searchsorted(x)
         c = self.coefficients.swapaxes(0, 1)[:, piece]  # (degree + 1, ..., n)
@@ -85,6 +91,21 @@ class PiecewisePolynomial(ByContent):
             values[k] = _horner(c, h)
             c = _derived(c)
         return values
+
+    def _derivatives_at(self, x: float, order: int) -> FloatArray:
+        """(order + 1, n) at one place: a tick asks for it, in the same piece as the one before."""
+        places, known = self._breaks, self._known
+        piece = bisect_left(places, x, 1, len(places) - 1) - 1
+        if known[:2] != (piece, order):
+            which, factors = _derivations(self.coefficients.shape[1], order)
+            known = piece, order, [*(self.coefficients[piece][which] * factors[..., None])[::-1]]
+            self._known = known
+        (highest, *lower), h = known[2], x - places[piece]
+        value: FloatArray = highest + 0.0
+        for power in lower:
+            value *= h
+            value += power
+        return value
 
     def derivative(self) -> PiecewisePolynomial:
         """The derivative as a polynomial of its own."""

@@ -234,6 +234,9 @@ class PointToPoint(KnowsPeaks):
 
     def sample(self, t: float | FloatArray) -> Sample:
         """State at ``t`` [s], a number or (k,); outside the duration it holds the nearer end."""
+        if type(t) is float and self.way is not None and 0.0 < t < self.duration:
+            gone, velocity, acceleration, jerk = self.way.derivatives(t, 3)
+            return Sample(self._between_ends(gone), velocity, acceleration, jerk)
         time = as_times(t)
         if self.way is None:
             q = np.where((time < self.duration)[..., None], self.start, self.end)
@@ -241,10 +244,14 @@ class PointToPoint(KnowsPeaks):
         gone, velocity, acceleration, jerk = self.way.derivatives(time, 3)
         inside = ((time >= 0.0) & (time <= self.duration))[..., None]
         moving = inside & ((time > 0.0) & (time < self.duration))[..., None]
-        # no rounding may carry a joint beyond its ends
-        q = np.clip(self.start + gone, np.minimum(self.start, self.end), np.maximum(self.start, self.end))
+        q = self._between_ends(gone)
         q = np.where(moving, q, np.where((time <= 0.0)[..., None], self.start, self.end))
         return Sample(q, velocity * moving, acceleration * inside, jerk * inside)
+
+    def _between_ends(self, gone: FloatArray) -> FloatArray:
+        """Where the joints are (..., n) [rad]: no rounding may carry one beyond its ends."""
+        low, high = np.minimum(self.start, self.end), np.maximum(self.start, self.end)
+        return np.minimum(np.maximum(self.start + gone, low), high)
 
 
 def _largest(values: PiecewisePolynomial) -> FloatArray:

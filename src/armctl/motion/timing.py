@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -96,14 +97,22 @@ class PathTrajectory(KnowsPeaks):
 
     def sample(self, t: float | FloatArray) -> Sample:
         """State at ``t`` [s], a number or (k,); outside the duration it holds the nearer end."""
+        if type(t) is float and 0.0 < t < self.duration:
+            s, rate, push, jerk = self.law.derivatives(t, 3)
+            return self._state(rate, push, jerk, self.path.derivatives(float(s[0]), 3))
         time = as_times(t)
         s, rate, push, jerk = self.law.derivatives(time, 3)
         inside = ((time >= 0.0) & (time <= self.duration))[..., None]
         rate, push, jerk = rate * inside, push * inside, jerk * inside
-        q, slope, bend, twist = self.path.derivatives(s[..., 0], 3)
+        state = self._state(rate, push, jerk, self.path.derivatives(s[..., 0], 3))
         arrived = (time >= self.duration)[..., None]
+        return replace(state, q=np.where(arrived, self.end, state.q))
+
+    @staticmethod
+    def _state(rate: FloatArray, push: FloatArray, jerk: FloatArray, path: FloatArray) -> Sample:
+        q, slope, bend, twist = path
         return Sample(
-            np.where(arrived, self.end, q),
+            q,
             slope * rate,
             bend * rate**2 + slope * push,
             twist * rate**3 + 3 * bend * rate * push + slope * jerk,

@@ -152,6 +152,8 @@ class JoinedTrajectory(KnowsPeaks):
 
     def sample(self, t: float | FloatArray) -> Sample:
         """State at ``t`` [s], a number or (k,); outside the duration it holds the nearer end."""
+        if type(t) is float and math.isfinite(t):
+            return self._sample_at(t)
         time = as_times(t)
         which = np.minimum(np.searchsorted(self._ends, time, side="left"), len(self.parts) - 1)
         q, velocity, acceleration, jerk = np.empty((4, *time.shape, len(self.start)))
@@ -164,6 +166,15 @@ class JoinedTrajectory(KnowsPeaks):
             q[here], velocity[here] = part.q, part.velocity
             acceleration[here], jerk[here] = part.acceleration, part.jerk
         return Sample(q, velocity, acceleration, jerk)
+
+    def _sample_at(self, t: float) -> Sample:
+        k = min(int(self._ends.searchsorted(t)), len(self.parts) - 1)
+        local = t - float(self.starts_at[k])
+        if k > 0:
+            local = max(local, 0.0)
+        if k < len(self.parts) - 1:
+            local = min(local, self.parts[k].duration)
+        return self.parts[k].sample(local)
 
 
 def joined_peaks(peaks: Sequence[Peaks]) -> Peaks:

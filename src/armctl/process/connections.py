@@ -35,10 +35,9 @@ from armctl.process.records import (
     Logged,
     Recalled,
     Running,
-    Seen,
-    light,
     new_events,
 )
+from armctl.process.snapshots import SnapshotWriter
 from armctl.program import Program
 from armctl.protocol import Event, Snapshot
 
@@ -359,6 +358,7 @@ class Broadcast:
 
     def __init__(self) -> None:
         self.large = asyncio.Semaphore(_LARGE_AT_ONCE)
+        self._writers = {json: SnapshotWriter() for json in (False, True)}
         self._snapshots: dict[bool, tuple[Snapshot, bytes]] = {}
         self._programs: dict[bool, tuple[Running, bytes]] = {}
 
@@ -366,7 +366,7 @@ class Broadcast:
         """A snapshot without what changes rarely."""
         known = self._snapshots.get(codec.json)
         if known is None or known[0] is not snapshot:
-            known = self._snapshots[codec.json] = (snapshot, codec.encode(Seen(light(snapshot))))
+            known = self._snapshots[codec.json] = (snapshot, self._writers[codec.json](codec, snapshot))
         return known[1]
 
     def programs(self, codec: Codec, running: Running) -> bytes:

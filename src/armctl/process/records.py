@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
 from functools import cache
 from typing import Annotated, Any, Union, cast, get_args, get_origin
 
@@ -53,7 +52,6 @@ Number = Annotated[int, msgspec.Meta(ge=-(2**53), le=2**53)]
 """that a client chooses, so that its answer can be told from others"""
 _LONGEST_TEXT = 2000
 """letters of an error"""
-_NO_PROGRAM = Program(robot="")
 
 
 class Record(msgspec.Struct, frozen=True, tag_field="type", tag=str.lower):
@@ -434,14 +432,6 @@ def error_of(record: Answer) -> ArmctlError | None:
     if not record.error:
         return None
     return _ERRORS.get(record.kind, ArmctlError)(fact_of(record.reason) or record.error)
-
-
-def light(snapshot: Snapshot) -> Snapshot:
-    """Without log and programs."""
-    progress = snapshot.program
-    if progress is not None:
-        progress = replace(progress, running=_NO_PROGRAM, coming=_NO_PROGRAM)
-    return replace(snapshot, events=(), program=progress)
 
 
 def new_events(events: tuple[Event, ...], told: Event | None) -> tuple[Event, ...]:

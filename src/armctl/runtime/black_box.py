@@ -122,31 +122,7 @@ class BlackBox:
             row = self._rows[(self._count - 1) % len(self._rows)]
             if same:
                 late, took = max(late, float(row[1])), max(took, float(row[2]))
-            n, plain = self._robot.n, len(PLAIN)
-            quantities = plain + 2 * n + len(NAMES) * len(self._measured)  # up to here
-            program = snapshot.program
-            row[:plain] = (
-                self._began_s,
-                late,
-                took,
-                _STATES.index(snapshot.state),
-                snapshot.speed,
-                np.nan if snapshot.gripper is None else snapshot.gripper,
-                np.nan if program is None else program.step,
-            )
-            row[plain : plain + n] = snapshot.q_command if snapshot.commanded else np.nan
-            row[plain + n : plain + 2 * n] = snapshot.q
-            row[plain + 2 * n :] = np.nan
-            for j, title in enumerate(self._measured.values() if snapshot.quantities else ()):
-                if (measured := snapshot.quantities.get(title)) is not None:
-                    numbers = [getattr(measured, name) for name in NAMES]
-                    row[plain + 2 * n + j : quantities : len(self._measured)] = numbers
-            signals = self._robot.signals
-            row[quantities:] = [
-                *(snapshot.inputs.get(one.name, np.nan) for one in signals.inputs),
-                *(snapshot.outputs.get(one.name, np.nan) for one in signals.outputs),
-                *((self._tools.index(snapshot.tool),) if self._tools else ()),
-            ]
+            row[:] = [self._began_s, late, took, *self._numbers(snapshot)]  # None becomes NaN
             if before is None or snapshot.events is not before.events:
                 old = None if before is None or not before.events else before.events[-1]
                 self._lines += [
@@ -159,6 +135,26 @@ class BlackBox:
         self._last = snapshot
         if snapshot.state is State.FAULT and before is not None and before.state is not State.FAULT:
             self._save(f"fault: {snapshot.cause}")
+
+    def _numbers(self, snapshot: Snapshot) -> list[float | None]:
+        """What stands in a row behind its times; None: not known."""
+        program, signals = snapshot.program, self._robot.signals
+        row: list[float | None] = [
+            _STATES.index(snapshot.state),
+            snapshot.speed,
+            snapshot.gripper,
+            None if program is None else program.step,
+        ]
+        row += snapshot.q_command.tolist() if snapshot.commanded else [None] * self._robot.n
+        row += snapshot.q.tolist()
+        measured = [snapshot.quantities.get(title) for title in self._measured.values()]
+        row += [None if one is None else one.load for one in measured]
+        row += [None if one is None else one.temperature_c for one in measured]
+        row += [None if one is None else one.voltage_v for one in measured]
+        row += [None if one is None else one.current_a for one in measured]
+        row += [snapshot.inputs.get(one.name) for one in signals.inputs]
+        row += [snapshot.outputs.get(one.name) for one in signals.outputs]
+        return [*row, self._tools.index(snapshot.tool)] if self._tools else row
 
     def results(self) -> list[tuple[str, str]]:
         """What became of saves since it was last asked, for the log: texts and levels."""

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from contextlib import suppress
-from dataclasses import field, replace
+from dataclasses import replace
 from functools import cached_property
 from itertools import chain
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,7 +20,6 @@ from armctl.facts.angles import DEGREE
 from armctl.hardware import Abilities, Driver, HomingState, Readback, Source
 from armctl.hardware.boards import board_type, channel_settings
 from armctl.hardware.driver import abilities_of, translated
-from armctl.lazy_dataclass import dataclass
 from armctl.robot import Robot
 from armctl.robot.signals import ON, Input, Output
 from armctl.robot.tools import own_gripper
@@ -27,12 +27,12 @@ from armctl.robot.tools import own_gripper
 BoolArray = NDArray[np.bool_]
 MOTORS_APART_RAD = 2.0 * DEGREE
 """how far two motors of one joint may stand apart"""
+_NOTHING = Quantities()
 _CATCH_UP_RAD = 0.05 * DEGREE
 """by how much a setpoint comes nearer to what the weight of another tool asks for: at 50 Hz 2.5°/s"""
 
 
-@dataclass(frozen=True, slots=True)
-class Reading:
+class Reading(msgspec.Struct, frozen=True):
     """What the board says of itself."""
 
     q: FloatArray
@@ -47,7 +47,7 @@ class Reading:
     """whether its outputs are on; None: it does not say"""
     homing: HomingState | None = None
     """None: there is nothing to home"""
-    quantities: Mapping[str, Quantities] = field(default_factory=dict[str, Quantities])
+    quantities: Mapping[str, Quantities] = {}
     """by title: what else it measures of each joint, and of the gripper"""
     warnings: tuple[str, ...] = ()
     """what it reports and goes on with"""
@@ -61,20 +61,20 @@ class Reading:
     """titles of what could not be sent in its time, and was dropped"""
     sent: bool = True
     """nothing that was written waits for the line any more"""
-    inputs: Mapping[str, float] = field(default_factory=dict[str, float])
+    inputs: Mapping[str, float] = {}
     """what its other pins are at: 0, 1, or a share"""
-    outputs: Mapping[str, float] = field(default_factory=dict[str, float])
+    outputs: Mapping[str, float] = {}
     gripper_on: bool | None = None
     """whether the gripper's output is on; None: the board does not say"""
-    apart: FloatArray = field(default_factory=lambda: np.zeros(0))
+    apart: FloatArray = msgspec.field(default_factory=lambda: np.zeros(0))
     """(n,) how far two motors of a joint are apart [rad]; 0 where it has one, or they are not known"""
     home_again: bool = False
     """``errors`` tell already to home the arm"""
-    limits: Mapping[str, QuantityLimits] = field(default_factory=dict[str, QuantityLimits])
+    limits: Mapping[str, QuantityLimits] = {}
     """by title: what the quantities may come to"""
     levels: tuple[LevelPassed, ...] = ()
     """which of them are beyond what is warned of, at this moment"""
-    changes: Mapping[str, int] = field(default_factory=dict[str, int])
+    changes: Mapping[str, int] = {}
     """by name of an input, how often it has changed since the last reading, where the board counts that"""
 
 
@@ -112,8 +112,9 @@ class Board:
         self.equip(robot)
         self._settings = channel_settings(robot)
         self._ranges = list(zip(self.map.low.tolist(), self.map.high.tolist(), strict=True))
-        self.limp = np.zeros(robot.n, dtype=np.bool_)
-        """(n,) joints that were switched off by themselves: nothing is sent to them"""
+        self._let_go_of(np.zeros(robot.n, dtype=np.bool_))
+        self._limits: tuple[Mapping[int, QuantityLimits], Mapping[str, QuantityLimits]] = ({}, {})
+        """of the last reading, by channel and by title"""
         self._driver = translated("opening the board", open_driver, port)
         self._torque: dict[int, float] = {}
         """limits of motors by channel: a board that starts anew has forgotten them"""
@@ -184,7 +185,7 @@ class Board:
 
         ``joints``: (n,) which of the angles are sent; None: all. Never those of limp joints.
         """
-        sent = ~self.limp if joints is None else joints & ~self.limp
+        sent = self._held if joints is None else joints & self._held
         if q is not None and self._behind:
             most = dict(zip(self.map.channels, (_CATCH_UP_RAD * self.unit_per_rad).tolist(), strict=True))
             left = {one: away - min(max(away, -most[one]), most[one]) for one, away in self._behind.items()}
@@ -237,11 +238,11 @@ class Board:
             on = np.array([all(back.on.get(one, False) for one in every) for every in self._channels_of])
         else:
             on = ~np.isnan(q) if back.powered is None else np.full(q.shape, back.powered)
-        faults = (f"{self.title(channel)}: {fault}" for channel, fault in (back.faults or {}).items())
+        faults = [f"{self.title(channel)}: {fault}" for channel, fault in (back.faults or {}).items()]
         outputs, opening = self._outputs_of(back)
         errors = (*faults, *back.errors)
-        warnings = tuple(f"{self.title(one)}: {words}" for one, words in (back.warnings or {}).items())
-        if back.source is Source.MEASURED:
+        warnings = tuple([f"{self.title(one)}: {words}" for one, words in (back.warnings or {}).items()])
+        if back.source is Source.MEASURED and self.map.mirrors:
             warnings += tuple(
                 f"the two motors of {joint} stand apart and work against each other; release the arm and put "
                 "their horns right"
@@ -272,14 +273,14 @@ class Board:
             back.asked,
             back.lost,
             back.delay_s,
-            tuple(map(self.title, back.expired)),
+            tuple(map(self.title, back.expired)) if back.expired else (),
             back.sent,
             {name: self._value(self._signals.input(name), level) for name, level in back.inputs.items()},
             outputs,
             gripper_on,
             apart,
             back.home_again,
-            {self.title(channel): limits for channel, limits in back.limits.items()},
+            self._limits_of(back),
             levels,
             back.changes,
         )
@@ -301,13 +302,21 @@ class Board:
         self._closed = outputs[self._gripper_output] > ON
         return outputs, float(not self._closed)
 
+    def _limits_of(self, back: Readback) -> Mapping[str, QuantityLimits]:
+        if back.limits is not self._limits[0]:
+            by_title = {self.title(channel): limits for channel, limits in back.limits.items()}
+            self._limits = back.limits, by_title
+        return self._limits[1]
+
     def _quantities(self, back: Readback) -> dict[str, Quantities]:
-        by_channel = [values or {} for values in (back.load, back.temperature, back.voltage, back.current)]
+        load, heat, volts, amps = (
+            values or {} for values in (back.load, back.temperature, back.voltage, back.current)
+        )
         found = {
-            self.title(channel): Quantities(*(values.get(channel) for values in by_channel))
-            for channel in dict.fromkeys(chain.from_iterable(by_channel))
+            self.title(one): Quantities(load.get(one), heat.get(one), volts.get(one), amps.get(one))
+            for one in dict.fromkeys(chain(load, heat, volts, amps))
         }
-        return {title: one for title, one in found.items() if one != Quantities()}
+        return {title: one for title, one in found.items() if one != _NOTHING}
 
     def home(self) -> None:
         """Begin to look for the zeros of the axes: the arm moves."""
@@ -335,16 +344,17 @@ class Board:
         """The same for these joints (n,) only: nothing is sent to them until they are taken back."""
         what = f"switching the {self.power} of joints off"
         translated(what, self._able.release_channels, self._channels(joints))
-        self.limp = self.limp | joints
+        self._let_go_of(self.limp | joints)
 
     def take_back(self) -> None:
         """The next setpoint switches joints on that were switched off by themselves."""
-        self.limp = np.zeros_like(self.limp)
+        self._let_go_of(np.zeros_like(self.limp))
 
-    @property
-    def limp_titles(self) -> tuple[str, ...]:
-        """Which joints are limp."""
-        return tuple(self._joint_titles[i] for i in np.flatnonzero(self.limp).tolist())
+    def _let_go_of(self, joints: BoolArray) -> None:
+        self.limp, self._held = joints, ~joints
+        """(n,) joints that were switched off by themselves: nothing is sent to them; and the others"""
+        self.limp_titles = tuple([self._joint_titles[i] for i in np.flatnonzero(joints).tolist()])
+        """which joints are limp"""
 
     @property
     def lets_down(self) -> bool:

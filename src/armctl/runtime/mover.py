@@ -100,7 +100,7 @@ class PathMover(Activity):
     @property
     def position(self) -> FloatArray:
         """(n,) where it is on the path [rad]."""
-        return self._sample(np.array([self._time])).q[0]
+        return self._sample_at(self._time).q
 
     @property
     def rest(self) -> Trajectory:
@@ -169,13 +169,27 @@ class PathMover(Activity):
                 self._notice = _OVERRUN
             rate = 0.0  # what follows is begun from rest, on the way
         self._rate = rate
-        state = self._sample(np.array([self._time]))
+        state = self._sample_at(self._time)
         while len(self._stretches) > 1 and self._stretches[0].ends <= self._time:
             self._stretches.popleft()  # it is over
-        q, velocity, acceleration = state.q[0], state.velocity[0], state.acceleration[0]
+        q, velocity, acceleration = state.q, state.velocity, state.acceleration
         if self.standing:
             return Setpoint(q, np.zeros_like(q), np.zeros_like(q))
+        if rate == 1.0 and push == 0.0:
+            return Setpoint(q, velocity, acceleration)
         return Setpoint(q, velocity * rate, acceleration * rate**2 + velocity * push)
+
+    def _sample_at(self, time: float) -> Sample:
+        """State (n,) at a time [s]; at a seam, that of the trajectory before it."""
+        last = self._stretches[-1]
+        for stretch in self._stretches:
+            local = time - stretch.begins
+            if stretch is not last and time > stretch.ends:
+                continue
+            if stretch is not last:  # a rounding must not carry it over the seam
+                local = min(local, stretch.trajectory.duration)
+            return stretch.trajectory.sample(max(local, 0.0))
+        raise AssertionError("there is always a trajectory")
 
     def _sample(self, times: FloatArray) -> Sample:
         """State at rising times (k,) [s]; at a seam, that of the trajectory before it."""

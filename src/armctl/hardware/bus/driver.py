@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from armctl.errors import ArmctlError, BoardError, BoardTimeoutError, EnableError
+from armctl.facts import QuantityLimits
 from armctl.facts.commands import ReleaseUnconfirmed
 from armctl.facts.english_commands import numbered
 from armctl.hardware.board_type import Kept, nothing_kept
@@ -73,6 +74,7 @@ class BusDriver(Abilities):
         self._servos: dict[int, KnownServo] = {}
         self._table = ChannelTable(SCALE)
         self._turn = 0
+        self._limits: Mapping[int, QuantityLimits] = {}  # the same object until they change
 
     def open(self) -> BoardIdentity:
         """Open the line, see which servos answer, and read what stands in their EEPROM."""
@@ -148,27 +150,27 @@ class BusDriver(Abilities):
         self._ask(line)
         count = line.take_count()
         servos, now = [self._servos[one] for one in self._table.channels], self._now()
-        faults = {one.id: words for one in servos if (words := one.fault(now)) is not None}
-        warnings = {
-            one.id: words
-            for one, needs in zip(servos, self._table.settings, strict=True)
-            if (words := one.warning(needs, now, grips=one.id == self._gripper)) is not None
-        }
-        errors: tuple[str, ...] = ()
-        if len(servos) > 1 and all(one.went_off for one in servos):
-            faults, errors = {}, (_ALL_OFF,)
+        faults, warnings = dict[int, str](), dict[int, str]()
+        for one, needs in zip(servos, self._table.settings, strict=True):
+            if (words := one.fault(now)) is not None:
+                faults[one.id] = words
+            if (words := one.warning(needs, now, grips=one.id == self._gripper)) is not None:
+                warnings[one.id] = words
+        limits = {one.id: one.limits(grips=one.id == self._gripper) for one in servos}
+        self._limits = limits if limits != self._limits else self._limits
+        all_off = len(servos) > 1 and all(one.went_off for one in servos)
         known = [one for one in servos if not one.gone]
         return Readback(
             positions={one.id: None if one.gone else one.seen.position for one in servos},
             source=Source.MEASURED,
-            errors=errors,
-            faults=faults,
+            errors=(_ALL_OFF,) if all_off else (),
+            faults={} if all_off else faults,
             warnings=warnings,
             load={one.id: one.seen.load for one in known},
             temperature={one.id: one.seen.temperature for one in known},
             voltage={one.id: one.seen.voltage for one in known},
             current={one.id: one.seen.current for one in known},
-            limits={one.id: one.limits(grips=one.id == self._gripper) for one in servos},
+            limits=self._limits,
             asked=count.asked,
             lost=count.lost,
             delay_s=count.slowest_s,
@@ -363,7 +365,8 @@ class BusDriver(Abilities):
 
     def _speed_of(self, servo: int) -> float | None:
         """How fast its joint may move [steps/s]."""
-        return next((one.speed for one in self._table.settings if one.channel == servo), None)
+        settings = self._table.of(servo)
+        return None if settings is None else settings.speed
 
     # Readings.
 

@@ -68,6 +68,8 @@ class KnownServo:
     """what was wrong at the last answer: in words, gone off, given way"""
     measured: str = ""
     """what it measured when that began, and its limits, in words"""
+    _limits: tuple[tuple[object, ...], QuantityLimits] | None = None
+    """what it may come to, and what follows from what"""
 
     @property
     def let_go(self) -> bool:
@@ -139,6 +141,12 @@ class KnownServo:
 
         Not for one that ``grips``: it presses with all the torque that it may have, for as long as it holds.
         """
+        known = self.settings, self.torque, self.supply_v, grips
+        if self._limits is None or self._limits[0] != known:
+            self._limits = known, self._limits_now(grips=grips)
+        return self._limits[1]
+
+    def _limits_now(self, *, grips: bool) -> QuantityLimits:
         own = QuantityLimits() if self.settings is None else self.settings.limits
         load = own.load if grips else min(self.torque, 1.0 if own.load is None else own.load)
         return replace(own, load=load, supply_v=self.supply_v)
@@ -157,7 +165,10 @@ class KnownServo:
 
     def fault(self, now: float) -> str | None:
         """What is wrong with it, in words with numbers; None: nothing is."""
-        words = "; ".join(self.seen.wrong)
+        seen = self.seen
+        if not (self.gone or self.went_off or self.gave_way or seen.faults or seen.latched):
+            return None
+        words = "; ".join(seen.wrong)
         if self.gone and now < self.restarts_until:
             return f"servo {self.id} starts anew, its fault was cleared; wait for a second"
         if self.gone:

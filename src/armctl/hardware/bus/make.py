@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from operator import attrgetter
+
+import msgspec
 
 from armctl.errors import BoardError, BoardTimeoutError, EnableError, InputError
 from armctl.facts.servos import (
@@ -42,8 +44,7 @@ class Limits:
     """[steps/s]; None: all that it can"""
 
 
-@dataclass(frozen=True, slots=True)
-class Telemetry:
+class Telemetry(msgspec.Struct, frozen=True):
     """What a servo says of itself at one reading; None: that reading does not tell."""
 
     position: int | None = None
@@ -82,8 +83,11 @@ class Telemetry:
 
     def after(self, before: Telemetry) -> Telemetry:
         """This, and what the one before tells besides."""
-        own = {name: value for name in self.__slots__ if (value := getattr(self, name)) is not None}
-        return replace(before, **own)
+        pairs = zip(_VALUES(self), _VALUES(before), strict=True)
+        return Telemetry(*[then if now is None else now for now, then in pairs])
+
+
+_VALUES = attrgetter(*Telemetry.__struct_fields__)
 
 
 class ServoMake(ABC):

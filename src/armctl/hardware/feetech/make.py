@@ -106,6 +106,11 @@ ERRORS = MappingProxyType(
     }
 )
 _KEPT = Block(0, 40)
+_TOLD = (
+    "torque", "goal_position", "goal_speed", "torque_limit", "present_position", "present_load",
+    "present_voltage", "present_temperature", "present_current",
+)  # fmt: skip
+"""registers that each reading tells, where a series has them; in the order of their addresses"""
 
 
 class FeetechMake(ServoMake):
@@ -135,26 +140,31 @@ class FeetechMake(ServoMake):
         self.telemetry, self.wakes_locked = telemetry, wakes_locked
         self.form = FeetechForm(sync_reads=sync_reads)
         self.limits_torque = self.keeps_limit = "torque_limit" in table
+        self._told = tuple(one for one in _TOLD if one in table)
+        self._read = table.reader(self._told, telemetry.address)
 
     def understood(self, packet: BusPacket, block: Block) -> Telemetry:
         """All but the EEPROM is in one block: what a servo was told as well as what it measures."""
-        t, data, first, limited = self.table, packet.data, block.address, self.limits_torque
-        position, goal = t.decode("present_position", data, first), t.decode("goal_position", data, first)
-        on, load = t.decode("torque", data, first) == 1, t.decode("present_load", data, first) / 1000
+        t, limited, wrong = self.table, self.limits_torque, packet.code & ~OVERLOAD
+        read = self._read if block == self.telemetry else t.reader(self._told, block.address)
+        told = dict(zip(self._told, read(packet.data), strict=True))
+        position, goal = told["present_position"], told["goal_position"]
+        on, load = told["torque"] == 1, told["present_load"] / 1000
         away = abs(goal - position) > self.still_steps
+        current = told.get("present_current")
         return Telemetry(
             position=position,
             goal=goal,
             on=on,
-            torque_limit=t.decode("torque_limit", data, first) / 1000 if limited else None,
-            forgot=not limited and t.decode("goal_speed", data, first) == 0,
+            torque_limit=told["torque_limit"] / 1000 if limited else None,
+            forgot=not limited and told["goal_speed"] == 0,
             load=load,
-            voltage=t.value("present_voltage", data, first),
-            temperature=t.value("present_temperature", data, first),
-            current=t.value("present_current", data, first) if "present_current" in t else None,
+            voltage=t.scaled("present_voltage", told["present_voltage"]),
+            temperature=t.scaled("present_temperature", told["present_temperature"]),
+            current=None if current is None else t.scaled("present_current", current),
             gave_way=bool(packet.code & OVERLOAD),
-            unloaded=bool(packet.code & ~OVERLOAD) and on and load == 0.0 and away,
-            faults=tuple(words for bit, words in ERRORS.items() if packet.code & bit & ~OVERLOAD),
+            unloaded=bool(wrong) and on and load == 0.0 and away,
+            faults=tuple([words for bit, words in ERRORS.items() if wrong & bit]) if wrong else (),
         )
 
     def settings(self, line: BusLine, servo: int) -> ServoSettings:
