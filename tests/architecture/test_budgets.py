@@ -28,7 +28,10 @@ FOLDERS = {
     "protocol": (5, 1_250),
     "robot": (44, 12_180),  # tools of a URDF arm; gaps of hulls in two thirds of the time
     "runtime": (27, 6_620),  # joints let down, messages, which warnings a cause tells, tools
-    "ui": (103, 23_600),  # the tool in steps, a point touched again, what a copy of an arm takes along
+    "ui": (
+        104,
+        23_950,
+    ),  # steps of the tool that friction does not swallow
 }
 """files and lines, at most"""
 _HOW = "make it smaller, or raise its number in test_budgets.py and say in the commit what a user got for it"

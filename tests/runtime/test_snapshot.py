@@ -54,7 +54,7 @@ CHANGES: dict[str, Any] = {
     "levels": (LevelPassed("Elbow", "servo 3", "load", 0.9, 0.8, 0.8),),
     "inputs": {"door": 1.0}, "outputs": {"lamp": 1.0}, "edges": {"door": 1}, "limp": ("Elbow",),
     "message": Message("Put a part in", 1, waits=True), "tool": "pen", "tool_unconfirmed": True,
-    "scripted": ("door",), "told_by_cause": (0,), "awaited": (0,), "stopped": Stopped("page 2"),
+    "scripted": ("door",), "told_by_cause": (0,), "awaited": (0,), "stopped": Stopped("page 2"), "stops": 1,
     "last_pose": LastPose(ROBOT.pose("home"), None, 0.0, ""),
 }  # fmt: skip
 

@@ -13,7 +13,7 @@ import viser
 
 from armctl.arrays import FloatArray
 from armctl.facts import Need, State
-from armctl.hardware import Driver
+from armctl.hardware import Driver, Source
 from armctl.protocol import Command, Control, ManualClock, Snapshot
 from armctl.robot import Robot
 from armctl.runtime import Controller
@@ -50,7 +50,7 @@ class FakePage:
         self.client = SimpleNamespace(scene=server.scene, atomic=nullcontext)
         self.snapshot = SimpleNamespace(
             q_command=q, q=q, state=State.HOLDING, gripper=None, part_mm=None, speed=1.0, busy=False,
-            progress=None, control=Control(), commanded=True,
+            progress=None, control=Control(), commanded=True, source=Source.COMMANDED, limp=(), stops=0,
         )  # fmt: skip
         last_known = SimpleNamespace(standing=lambda snapshot: snapshot.q_command)
         self.console = SimpleNamespace(

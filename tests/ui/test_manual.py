@@ -2,10 +2,9 @@ from __future__ import annotations
 
 import asyncio
 import re
-from concurrent.futures import Future
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 import pytest
@@ -14,15 +13,13 @@ from hypothesis import strategies as st
 from tests.arms import FIVE
 from tests.long import examples
 from tests.runtime.kit import make_rig
-from tests.ui.page_kit import FakePage
 
-from armctl.errors import ArmctlError, InputError, MotionRefusedError, StateError
+from armctl.errors import InputError, MotionRefusedError, StateError
 from armctl.motion import PointToPoint
-from armctl.protocol import Command, ManualClock, MoveJoints
+from armctl.protocol import ManualClock
 from armctl.robot import CarriedPart, load_robot
-from armctl.ui.guard import GuardedServer
 from armctl.ui.session import Session
-from armctl.ui.tabs.manual.jog import KEYS, HeldJog, ToolSteps, part_of, tool_axes, tool_jog, tool_stepped
+from armctl.ui.tabs.manual.jog import KEYS, HeldJog, part_of, tool_axes, tool_jog
 from armctl.ui.tabs.manual.joints import checked_percent, joint_table, stepped, tool_motion, tool_table
 from armctl.ui.widgets.angle_fields import slider_degrees, slider_limits
 
@@ -174,47 +171,3 @@ def test_the_live_tables_show_units_signs_and_what_is_not_known() -> None:
     figures = tool_table(ROBOT, snapshot) + joint_table(ROBOT, snapshot)
     assert re.findall(r">(−?\d[^<]*)</td>", figures) == []
     assert figures.count(">–<") == 3 + 2 * ROBOT.n
-
-
-@pytest.mark.parametrize("name", ["uzuner", "so101", "parol6"])
-def test_a_step_of_the_tool_goes_as_far_along_an_axis_as_it_says(name: str) -> None:
-    robot = load_robot(name)
-    q = robot.pose("home")
-    point, turned = robot.forward(q)[:3, 3], robot.forward(q)[:3, :3]
-    for step in (0.01 * np.eye(3)[0], -0.005 * np.eye(3)[1], 0.001 * np.eye(3)[2]):
-        there = robot.forward(tool_stepped(robot, q, step))
-        np.testing.assert_allclose(there[:3, 3], point + step, atol=1e-6)
-        assert there[2, 2] == pytest.approx(turned[2, 2], abs=1e-6)  # it is pitched as before
-    with pytest.raises(MotionRefusedError, match=r"\+5000, \+0, \+0 mm .* is out of reach"):
-        tool_stepped(robot, q, np.array((5.0, 0.0, 0.0)))
-    with pytest.raises(MotionRefusedError, match="turn a joint by more than 30°"):
-        tool_stepped(robot, q, np.array((-2 * point[0], 0.01, 0.0)))  # to the other side
-
-
-class SteppedPage(FakePage):
-    """Motions end at once; what they led to is where the arm stands."""
-
-    def require_operator(self) -> None:
-        if not self.operates:
-            raise ArmctlError("this page is watching")
-
-    async def submit(self, command: Command) -> Any:
-        await super().submit(command)
-        assert isinstance(command, MoveJoints)
-        self.snapshot.q_command, done = command.q, Future[None]()
-        done.set_result(None)
-        return SimpleNamespace(finished=done)
-
-
-def test_clicks_on_steps_of_the_tool_add_up(server: GuardedServer) -> None:
-    page = SteppedPage(server, ROBOT, HOME)
-    ToolSteps(page.session)
-    page.press("X ahead mm", "+10", times=3)
-    page.press("Z up mm", "−5")
-    moved = ROBOT.forward(page.snapshot.q_command)[:3, 3] - ROBOT.forward(HOME)[:3, 3]
-    np.testing.assert_allclose(moved, (0.03, 0.0, -0.005), atol=1e-6)
-    for one in page.sent:
-        assert isinstance(one, MoveJoints) and one.duration_s is not None and one.duration_s >= 0.3
-    page.operates = False
-    with pytest.raises(ArmctlError, match="watching"):
-        page.press("X ahead mm", "+10")

@@ -349,6 +349,8 @@ class Snapshot:
     """indices of those that only say what a program waits for: nothing is wrong"""
     stopped: Stopped | None = None
     """whose STOP is the cause of the state; None: nobody's"""
+    stops: int = 0
+    """rises with each STOP, also with one that finds the arm at rest"""
 
     def unmet(self, need: Need) -> NotNow | None:
         """Why what needs this of the arm would be refused now; None: it would not."""
@@ -364,7 +366,7 @@ class Snapshot:
 _TOLD = attrgetter(
     "state", "cause", "commanded", "source", "powered", "gripper", "part_mm", "speed", "progress", "board",
     "homing", "warnings", "levels", "control", "busy", "unreachable", "inputs", "outputs", "edges",
-    "limp", "message", "tool", "tool_unconfirmed", "told_by_cause", "awaited", "stopped", "scripted",
+    "limp", "message", "tool", "tool_unconfirmed", "told_by_cause", "awaited", "stopped", "stops", "scripted",
 )  # fmt: skip
 _STILL_RAD = 1e-3
 """readings that differ by less are those of an arm that stands"""

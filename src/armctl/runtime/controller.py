@@ -293,6 +293,7 @@ class Controller:
             told_by_cause=told,
             awaited=awaited,
             stopped=core.stopped,
+            stops=core.stops,
             events=core.log.events,
             last_pose=core.poses.last,
             measured=self._measured[1],

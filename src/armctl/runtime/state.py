@@ -67,7 +67,7 @@ class ArmState:
         self.poses = PoseWatch(poses)
         self.board: Board | None = None
         self.state = State.DISCONNECTED
-        self.cause = "not connected yet"
+        self.cause, self.stops = "not connected yet", 0
         self.activity: Activity | None = None
         self.stopped_by: Stopped | None = None  # whose STOP brings the activity to rest now
         self.stopped: Stopped | None = None  # what ``cause`` tells, where it is somebody's STOP
@@ -268,6 +268,7 @@ class ArmState:
         """
         ticket = Ticket.ended() if ticket is None else ticket
         ticket.accept()
+        self.stops += 1
         self._stopping.append(ticket)  # from here on settle answers it, or a fault
         moving, by = self.busy, Stopped(origin.who, origin.note)
         if moving or self.monitor.homes or not origin.note:

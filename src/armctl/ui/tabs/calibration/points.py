@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable
 from functools import partial
 from typing import Final
@@ -40,7 +41,8 @@ from armctl.ui.tabs.calibration.touch_scene import (
 )
 from armctl.ui.tabs.calibration.touched_points import FORGET, GO_ON
 from armctl.ui.tabs.manual.by_hand import ByHand
-from armctl.ui.tabs.manual.jog import SLOW_MM_S, ToolJog, ToolSteps
+from armctl.ui.tabs.manual.jog import SLOW_MM_S, ToolJog
+from armctl.ui.tabs.manual.tool_steps import Pause, ToolSteps
 from armctl.ui.widgets.html import (
     LiveHtml,
     muted,
@@ -77,7 +79,8 @@ HEAVIEST_KG = 100.0
 class CalibrationPoints:
     """Choose or type a point, touch it, press Here; the result comes with the sixth."""
 
-    def __init__(self, session: Session) -> None:
+    def __init__(self, session: Session, pause: Pause = asyncio.sleep) -> None:
+        """``pause``: waits for so many seconds."""
         self._session, self._shared = session, session.console.shared(SharedCalibration)
         self._points, self._robot = self._shared.points, session.console.robot
         self._profile: Profile = "cubic"
@@ -106,7 +109,7 @@ class CalibrationPoints:
         self._next = LiveHtml(gui, visible=False)
         self._crosshair = gui.add_dropdown("Crosshair", numbered(0), visible=False)
         above = gui.add_button("Next pose above it", color="gray")
-        self._steps = ToolSteps(session)
+        self._steps = ToolSteps(session, lambda: self._points.sense, pause)
         here = gui.add_button("Here", icon=viser.Icon.TARGET)
         session.needs(None, here, also=refused_by(self._touch))
         self._lift = gui.add_button("Lift the tip", color="gray", icon=viser.Icon.ARROW_UP)

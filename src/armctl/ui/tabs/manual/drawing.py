@@ -20,10 +20,11 @@ from armctl.program.edit import PLACES, add
 from armctl.protocol import RunProgram, Snapshot
 from armctl.ui.scene.ghost import Lines, segments
 from armctl.ui.session import Session
-from armctl.ui.tabs.manual.jog import SLOW_MM_S, ToolJog, ToolSteps
+from armctl.ui.tabs.manual.jog import SLOW_MM_S, ToolJog
 from armctl.ui.tabs.manual.new_step import Point, present_pose_deg, tool_point_mm
 from armctl.ui.tabs.manual.program_editor import ProgramEditor
 from armctl.ui.tabs.manual.shared_program import SharedProgram
+from armctl.ui.tabs.manual.tool_steps import ToolSteps
 from armctl.ui.widgets.html import LiveHtml, escape, fixed, folded, muted, numbers
 from armctl.ui.widgets.number_field import NumberField, field_grid
 

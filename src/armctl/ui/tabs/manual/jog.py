@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
-import asyncio
 import math
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from functools import partial
 from typing import Any, Literal, get_args
 
 import numpy as np
 import viser
 
-from armctl.arrays import FloatArray
-from armctl.errors import ArmctlError, InputError, MotionRefusedError
+from armctl.errors import ArmctlError, InputError
 from armctl.facts import Need
-from armctl.facts.angles import DEGREE, to_degrees
+from armctl.facts.angles import DEGREE
 from armctl.program import UserFrame
 from armctl.protocol import Jog, JogTool, MonotonicClock, MoveGripper, Snapshot
 from armctl.protocol.snapshot import tool_turns
 from armctl.robot import CarriedPart, Robot
-from armctl.ui.dragged_tool import dragged_to
 from armctl.ui.session import Session
-from armctl.ui.tabs.manual.joints import JointStepper, checked_percent, slow_duration
+from armctl.ui.tabs.manual.joints import checked_percent
 from armctl.ui.tabs.manual.shared_program import SharedProgram
 from armctl.ui.tabs.manual.sticks import StickJog
 from armctl.ui.widgets.angle_fields import held_at
@@ -267,72 +263,6 @@ class ToolJog:
         if user is None:
             raise InputError(f"the program has no such frame any more: {chosen}")
         return tool_jog(axis, sign, self._speed.value, "base").from_user_frame(user.matrix[:3, :3])
-
-
-_STEPS_MM = {"−10": -10.0, "−5": -5.0, "−1": -1.0, "+1": 1.0, "+5": 5.0, "+10": 10.0}
-_STEP_ROWS = ("X ahead mm", "Y left mm", "Z up mm")
-_MOST_STEP_RAD = 30.0 * DEGREE
-"""a step that turns a joint by more is no small one: the arm stands near a singularity, or would turn over"""
-_STEP_NOTE = "X, Y and Z are those of the base: the red, green and blue arrow at the tool. Clicks add up."
-
-
-class ToolSteps:
-    """A row of steps for each axis of the base: a click moves the tool by so much, and stops."""
-
-    def __init__(self, session: Session) -> None:
-        gui, self._session = session.gui, session
-        self._stepper = JointStepper(session, partial(slow_duration, session.console.robot))
-        self._wanted, self._solving = np.zeros(3), False
-        """(3,) clicks that are not solved yet [m]; and whether one is being solved"""
-        self.need = self._stepper.need
-        for axis, label in enumerate(_STEP_ROWS):
-            row = gui.add_button_group(label, tuple(_STEPS_MM))
-            session.needs(self.need, row, told=False)
-            session.on(row.on_click, partial(self._on_step, axis, row))
-        session.needs(self.need)
-        LiveHtml(gui, muted(_STEP_NOTE))
-
-    async def _on_step(self, axis: int, row: viser.GuiButtonGroupHandle) -> None:
-        await self.step(_STEPS_MM[row.value] / 1000 * np.eye(3)[axis])
-
-    async def step(self, step_m: FloatArray) -> None:
-        """Move the tool by (3,) [m] along the base's axes; refused out of reach, or where it cannot move."""
-        self._session.require_operator()
-        self._wanted = self._wanted + step_m
-        if self._solving:  # whoever solves takes it along
-            return
-        self._solving, goal = True, self._stepper.start
-        try:
-            while self._wanted.any():
-                step_m, self._wanted = self._wanted, np.zeros(3)
-                goal = await asyncio.to_thread(tool_stepped, self._session.held, goal, step_m)
-        finally:
-            self._solving, self._wanted = False, np.zeros(3)
-        await self._stepper.go_to(goal)
-
-
-def tool_stepped(robot: Robot, q: FloatArray, step_m: FloatArray) -> FloatArray:
-    """The configuration (n,) [rad] with the tool (3,) [m] further than at ``q``, base axes, the nearest one.
-
-    With the tool turned as it is, where the arm can. ``MotionRefusedError``: out of reach.
-    """
-    point = robot.forward(q)[:3, 3] + step_m
-    goal: FloatArray | None = None
-    if not robot.orients_tool:
-        with suppress(ArmctlError):  # no such pitch there, or the arm has none
-            pitch, roll = robot.inverse_kinematics.pitch_and_roll(q)
-            goal = robot.inverse(point, pitch=pitch, roll=roll, start=q).best("least-travel", q)
-    if goal is None or np.abs(goal - q).max() > _MOST_STEP_RAD:
-        goal = dragged_to(robot, point, q)
-    step = ", ".join(f"{1000 * one:+g}" for one in step_m.tolist())
-    if goal is None:
-        raise MotionRefusedError(f"{step} mm (x, y, z) from here is out of reach; step elsewhere")
-    if np.abs(goal - q).max() > _MOST_STEP_RAD:
-        raise MotionRefusedError(
-            f"{step} mm (x, y, z) from here would turn a joint by more than "
-            f"{to_degrees(_MOST_STEP_RAD):.0f}°: take a smaller step, or go there with Go"
-        )
-    return goal
 
 
 class KeyboardJog:

@@ -1,0 +1,238 @@
+"""Steps of the tool: a click moves it by so many millimetres, also where friction swallows part of it.
+
+A servo that only controls its position does not turn until its error outweighs its friction: on a small servo
+bus that is half a degree, 2 mm at the tool. What is sent runs ahead of what is measured by that much, and by
+what the arm sags. So a step is counted from where the tool was measured, or was to be by the clicks before;
+once the arm stands, what is missing is sent after it, in small slow motions like any other.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable, Sequence
+from contextlib import suppress
+from functools import partial
+
+import numpy as np
+import viser
+
+from armctl.arrays import FloatArray
+from armctl.errors import ArmctlError, MotionRefusedError
+from armctl.facts import Need, State
+from armctl.facts.angles import DEGREE, to_degrees
+from armctl.hardware import Source
+from armctl.protocol import MoveJoints, Snapshot
+from armctl.robot import Robot
+from armctl.ui.dragged_tool import dragged_to
+from armctl.ui.session import Session
+from armctl.ui.tabs.manual.joints import slow_duration
+from armctl.ui.widgets.html import LiveHtml, muted, numbers
+
+_STEPS_MM = {"−10": -10.0, "−5": -5.0, "−1": -1.0, "+1": 1.0, "+5": 5.0, "+10": 10.0}
+_STEP_ROWS = ("X ahead mm", "Y left mm", "Z up mm")
+_MOST_STEP_RAD = 30.0 * DEGREE
+"""a step that turns a joint by more is no small one: the arm stands near a singularity, or would turn over"""
+_STEP_NOTE = "X, Y and Z are those of the base: the red, green and blue arrow at the tool. Clicks add up."
+_SENT = 1e-6
+"""a command that differs by less is the one that was sent [rad]"""
+_NEAR_M = 0.0004
+"""a tool that is measured so near is there: a count of an encoder is about as much"""
+_TRIES = 6
+_COUNT = 0.06 * DEGREE
+"""a joint that is off by less is not sent further"""
+_MOVED = 0.12 * DEGREE
+"""a joint that was measured to turn by more than a count has turned"""
+_SIDES = (1.0, -1.0)
+_PUSHES = (0.1 * DEGREE, 0.8 * DEGREE)
+"""how much further a joint is sent that did not turn: where its friction is known, and where it is not"""
+_MOST_AHEAD = 3.0 * DEGREE
+"""so much further than a click asks for a joint is sent at most: where that is too little it is held"""
+_LOOK_S, _LOOKS = 0.08, 12
+"""how often it is looked whether the arm stands, and how many times at most"""
+Pause = Callable[[float], Awaitable[None]]
+Sense = Callable[[], Sequence[float]]
+
+
+class StepAhead:
+    """How far ahead of what is measured joints are sent, so that they come to where they are to be.
+
+    A joint that turns to larger angles stands at one edge of its friction when it comes to rest, one that
+    turns to smaller angles at the other edge. Both are learned by what the motions do.
+    """
+
+    def __init__(self, n: int) -> None:
+        self.width = np.zeros(n)
+        """(n,) by how much more a joint is sent ahead when it turns the other way [rad]; 0: not known yet"""
+        self._edges = np.full((2, n), np.nan)
+        """(2, n) how far ahead joints are sent to turn to larger angles, and to smaller ones; NaN: unknown"""
+
+    def begin(self, ahead: FloatArray, sense: FloatArray) -> None:
+        """The arm was moved by something else; its setpoints are so far ``ahead`` (n,) [rad].
+
+        ``sense`` (n,): in which sense its joints turned last, 1 or -1; 0: not known.
+        """
+        self._edges = np.where(np.array(_SIDES)[:, None] == sense, ahead, np.nan)
+
+    def wanted(self, way: FloatArray, ahead: FloatArray) -> FloatArray:
+        """(n,) how far ahead to send joints that are to turn by ``way`` (n,), and are sent ``ahead`` now."""
+        this, other = np.where(way > 0.0, self._edges, self._edges[::-1])
+        guess = np.where((self.width > 0.0) & ~np.isnan(other), other + np.sign(way) * self.width, ahead)
+        return np.where(np.isnan(this), guess, this)
+
+    def learn(self, turned: FloatArray, missing: FloatArray, ahead: FloatArray) -> None:
+        """Joints sent so far ``ahead`` have ``turned``, and have so much ``missing``: (n,) [rad]."""
+        for k, side in enumerate(_SIDES):
+            here = side * turned > _MOVED
+            stuck = (np.abs(turned) <= _MOVED) & (side * missing > _COUNT)
+            further = ahead + side * np.where(self.width > 0.0, *_PUSHES)
+            self._edges[k] = np.where(here, ahead, np.where(stuck, further, self._edges[k]))
+        seen = (np.abs(turned) > _MOVED) & ~np.isnan(self._edges).any(axis=0)
+        width = self._edges[0] - self._edges[1]
+        self.width = np.where(seen & (width > 0.0), width, self.width)
+
+
+class ToolSteps:
+    """A row of steps for each axis: a click moves the tool by so much, and stops."""
+
+    def __init__(self, session: Session, sense: Sense | None = None, pause: Pause = asyncio.sleep) -> None:
+        """``sense`` gives (n,) in which sense each joint turned last; ``pause`` waits for so many seconds."""
+        gui, self._session, self._pause = session.gui, session, pause
+        n = session.console.robot.n
+        self._sense: Sense = (lambda: (0.0,) * n) if sense is None else sense
+        self._wanted, self._stepping = np.zeros(3), False
+        """(3,) clicks that are not solved yet [m]; and whether the arm moves by earlier ones"""
+        self._at, self._sent = np.zeros(n), np.full(n, np.nan)
+        """(n,) where the clicks so far lead, and what was sent for that [rad]"""
+        self._ahead = StepAhead(n)
+        for axis, label in enumerate(_STEP_ROWS):
+            row = gui.add_button_group(label, tuple(_STEPS_MM))
+            session.needs(self.need, row, told=False)
+            session.on(row.on_click, partial(self._on_step, axis, row))
+        session.needs(self.need)
+        self._moved = LiveHtml(gui, muted(_STEP_NOTE))
+
+    def need(self) -> Need | None:
+        """What the next click needs of the arm: nothing while it moves by an earlier one."""
+        return None if self._stepping else Need.HOLDING
+
+    async def _on_step(self, axis: int, row: viser.GuiButtonGroupHandle) -> None:
+        await self.step(_STEPS_MM[row.value] / 1000 * np.eye(3)[axis])
+
+    async def step(self, step_m: FloatArray) -> None:
+        """Move the tool by (3,) [m] along the base's axes; refused out of reach, or where it cannot move."""
+        self._session.require_operator()
+        self._wanted = self._wanted + step_m
+        if self._stepping:  # whoever moves the arm takes it along
+            return
+        self._stepping = True
+        try:
+            await self._step()
+        finally:
+            self._stepping, self._wanted = False, np.zeros(3)
+
+    async def _step(self) -> None:
+        """Go where the clicks lead, those that come meanwhile too; then look how far the tool has come."""
+        now = self._session.snapshot
+        stops, measures = now.stops, is_measured(now)
+        if not np.allclose(now.q_command, self._sent, rtol=0.0, atol=_SENT):  # something else has moved it
+            self._at, self._sent = now.q if measures else now.q_command, now.q_command
+            self._ahead.begin(self._sent - self._at, np.array(self._sense()))
+        begin = now.q
+        while self._wanted.any():
+            goal = self._at
+            while self._wanted.any():
+                step_m, self._wanted = self._wanted, np.zeros(3)
+                goal = await asyncio.to_thread(tool_stepped, self._session.held, goal, step_m)
+            before, self._at = self._at, goal
+            if measures:
+                await self._go_measured(goal, stops)
+            else:
+                await self._send(self._sent + goal - before)
+        if measures:
+            self._show_moved(begin)
+
+    async def _go_measured(self, goal: FloatArray, stops: int) -> None:
+        """Send joints until the tool is measured at ``goal`` (n,), or back where something holds it.
+
+        ``stops``: of the snapshot when it began.
+        """
+        robot, q = self._session.held, self._session.snapshot.q
+        first, asked_m = self._sent - q, 0.0
+        for tries in range(_TRIES + 1):
+            way, ahead = goal - q, self._sent - q
+            off_m = float(np.linalg.norm(robot.forward(goal)[:3, 3] - robot.forward(q)[:3, 3]))
+            asked_m = max(asked_m, off_m)
+            if off_m < _NEAR_M or (tries == _TRIES and off_m < asked_m / 2):
+                return
+            if tries == _TRIES:
+                break
+            wanted = np.clip(self._ahead.wanted(way, ahead), first - _MOST_AHEAD, first + _MOST_AHEAD)
+            if not await self._send(np.where(np.abs(way) > _COUNT, goal + wanted, self._sent)):
+                return
+            now = await self._stand(stops)
+            if now is None:
+                return
+            self._ahead.learn(now - q, goal - now, self._sent - now)
+            q = now
+            if self._wanted.any():  # clicked meanwhile: on from here
+                return
+        await self._send(q + first)  # it does not go on to press against what holds it
+        self._sent = np.full(len(q), np.nan)
+
+    async def _stand(self, stops: int) -> FloatArray | None:
+        """(n,) where the arm is measured once it stands [rad]; None: STOP, or it holds no more."""
+        before: FloatArray | None = None
+        for _ in range(_LOOKS):
+            now = self._session.snapshot
+            if now.stops != stops or now.state is not State.HOLDING or not is_measured(now):
+                return None
+            if before is not None and now.q is not before and np.abs(now.q - before).max() < _COUNT:
+                return now.q
+            before = now.q
+            await self._pause(_LOOK_S)
+        return before
+
+    async def _send(self, q: FloatArray) -> bool:
+        """Go to ``q`` (n,) [rad]; whether the arm came there, or was stopped."""
+        self._sent = np.clip(q, *self._session.held.limits.T)
+        way = self._sent - self._session.snapshot.q_command
+        ticket = await self._session.submit(MoveJoints(self._sent, slow_duration(self._session.held, way)))
+        try:
+            await asyncio.wrap_future(ticket.finished)
+        except ArmctlError:  # the session tells
+            return False
+        return True
+
+    def _show_moved(self, begin: FloatArray) -> None:
+        tips = [self._session.held.forward(q)[:3, 3] for q in (begin, self._session.snapshot.q)]
+        moved = numbers(1000 * (tips[1] - tips[0]), 1)
+        self._moved.show(f"<div>Moved by <b>{moved} mm</b>, as measured.</div>" + muted(_STEP_NOTE))
+
+
+def is_measured(snapshot: Snapshot) -> bool:
+    """Whether the board measures where all joints stand."""
+    return snapshot.source is Source.MEASURED and not snapshot.limp and not np.isnan(snapshot.q).any()
+
+
+def tool_stepped(robot: Robot, q: FloatArray, step_m: FloatArray) -> FloatArray:
+    """The configuration (n,) [rad] with the tool (3,) [m] further than at ``q``, base axes, the nearest one.
+
+    With the tool turned as it is, where the arm can. ``MotionRefusedError``: out of reach.
+    """
+    point = robot.forward(q)[:3, 3] + step_m
+    goal: FloatArray | None = None
+    if not robot.orients_tool:
+        with suppress(ArmctlError):  # no such pitch there, or the arm has none
+            pitch, roll = robot.inverse_kinematics.pitch_and_roll(q)
+            goal = robot.inverse(point, pitch=pitch, roll=roll, start=q).best("least-travel", q)
+    if goal is None or np.abs(goal - q).max() > _MOST_STEP_RAD:
+        goal = dragged_to(robot, point, q)
+    step = ", ".join(f"{1000 * one:+g}" for one in step_m.tolist())
+    if goal is None:
+        raise MotionRefusedError(f"{step} mm (x, y, z) from here is out of reach; step elsewhere")
+    if np.abs(goal - q).max() > _MOST_STEP_RAD:
+        raise MotionRefusedError(
+            f"{step} mm (x, y, z) from here would turn a joint by more than "
+            f"{to_degrees(_MOST_STEP_RAD):.0f}°: take a smaller step, or go there with Go"
+        )
+    return goal
