@@ -1,9 +1,10 @@
 """Full telemetry of a servo bus: ``python -m benchmarks.servo_bus [ROBOT] [--rate HZ] [--seconds S]``.
 
 The arm moves between its poses on a simulated bus, which runs in a process of its own, as a real one costs
-the computer nothing. At each tick the arm process writes the goals that differ, and reads position, load,
-heat, voltage and, where they are told, currents of all servos. Told are its share of a processor, how late
-its ticks come, and how often the bus heard nothing for how long: what a bus watchdog waits for. Linux only.
+the computer nothing. At each tick the arm process writes the goals that differ; 50 times a second at most,
+so at every other tick of 100 Hz, it reads position, load, heat, voltage and, where they are told, currents
+of all servos. Told are its share of a processor, how late its ticks come, and how often the bus heard
+nothing for how long: what a bus watchdog waits for. Linux only.
 """
 
 from __future__ import annotations

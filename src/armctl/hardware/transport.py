@@ -7,8 +7,8 @@ import logging
 import os
 import socket
 import struct
-from collections.abc import Callable, Generator, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from typing import Protocol
 from urllib.parse import urlsplit
 
@@ -112,16 +112,22 @@ class SerialTransport:
         Then what the system still holds of it is dropped, also what was written before: a board that goes on
         later must not get old setpoints.
         """
-        with self._translated("writing to"):
+        try:
+            self._serial.write(data)
+        except serial.SerialTimeoutException as error:
             try:
-                self._serial.write(data)
-            except serial.SerialTimeoutException:
                 self._drop_unsent()
-                raise
+            except _LINE_ERRORS as lost:
+                raise self._gone("writing to", lost) from lost
+            raise BoardTimeoutError(
+                f"{self.name}: the board takes no more bytes; unplug it, plug it in again and reconnect"
+            ) from error
+        except _LINE_ERRORS as error:
+            raise self._gone("writing to", error) from error
 
     def read(self, count: int, timeout_s: float) -> bytes:
         """Return ``count`` bytes, or the fewer that came within ``timeout_s``."""
-        with self._translated("reading from"):
+        try:
             if timeout_s == 0.0 and not self.name.startswith(_NETWORK):  # whose system counts no bytes
                 waiting = min(count, self._serial.in_waiting)
                 return self._serial.read(waiting) if waiting else b""
@@ -130,11 +136,15 @@ class SerialTransport:
                 self._serial.timeout = timeout_s
                 self._timeout_s = timeout_s
             return self._serial.read(count)
+        except _LINE_ERRORS as error:
+            raise self._gone("reading from", error) from error
 
     def discard_input(self) -> None:
         """Forget everything received and not yet read."""
-        with self._translated("clearing the input of"):
+        try:
             self._serial.reset_input_buffer()
+        except _LINE_ERRORS as error:
+            raise self._gone("clearing the input of", error) from error
 
     def close(self) -> None:
         """Close the port. Never raises, also after an unplug."""
@@ -147,20 +157,12 @@ class SerialTransport:
         else:
             self._serial.reset_output_buffer()
 
-    @contextmanager
-    def _translated(self, action: str) -> Generator[None]:
-        try:
-            yield
-        except serial.SerialTimeoutException as error:
-            raise BoardTimeoutError(
-                f"{self.name}: the board takes no more bytes; unplug it, plug it in again and reconnect"
-            ) from error
-        except _LINE_ERRORS as error:
-            _LOGGER.info("%s the port %s failed: %s", action, self.name, _reason(error))
-            raise BoardError(
-                f"{self.name}: the line to the board is gone: was the board unplugged, or its power lost? "
-                "Check the cable and the power, then connect again"
-            ) from error
+    def _gone(self, action: str, error: Exception) -> BoardError:
+        _LOGGER.info("%s the port %s failed: %s", action, self.name, _reason(error))
+        return BoardError(
+            f"{self.name}: the line to the board is gone: was the board unplugged, or its power lost? "
+            "Check the cable and the power, then connect again"
+        )
 
 
 def _check_address(port: str) -> None:

@@ -48,6 +48,8 @@ class Offer:
     """where it is told why they cannot be used; None: nowhere"""
     anyone: bool
     """pages that watch may use them, whatever the arm does"""
+    _off: bool | None = None
+    """whether they cannot be used, as they show it; None: nobody has told them yet"""
     _told: str | Reason | None = None
     """why they cannot be used, as it is shown"""
 
@@ -57,10 +59,13 @@ class Offer:
         why: str | Reason | None = None if self.anyone else why_not(arm)
         if why is None and self.also is not None:
             why = self.also(snapshot)
-        for control in self.controls:
-            control.disabled = why is not None
+        off = why is not None
+        if off is not self._off:  # nobody else enables or disables them
+            self._off = off
+            for control in self.controls:
+                control.disabled = off
         if self.reason is not None:
-            self.reason.visible = why is not None and told
+            self.reason.visible = off and told
             if why != self._told:
                 self._told = why
                 self.reason.show(muted(sentence(why)) if why else "")

@@ -238,7 +238,7 @@ class _Frames:
         for i, mount in enumerate(self._mounts):
             R, origin = mount.at(links)
             T[:, i, :3, :3], T[:, i, :3, 3] = R.transpose(2, 0, 1), origin.T
-        openings, which = np.unique(opening, return_inverse=True)
+        openings, which = (opening, [0]) if len(opening) == 1 else np.unique(opening, return_inverse=True)
         for i, jaw in enumerate(self._jaws.values(), len(self._mounts)):
             turned, moved = zip(*(jaw.at(one) for one in openings.tolist()), strict=True)
             T[:, i, :3, :3], T[:, i, :3, 3] = np.array(turned)[which], np.array(moved)[which]

@@ -8,6 +8,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from armctl.arrays import FloatArray
 from armctl.errors import StateError
 from armctl.motion import usual_pitch
 from armctl.program import Step
@@ -207,10 +208,15 @@ def tool_point_mm(robot: Robot, pose_deg: tuple[float, ...]) -> Point:
 
 
 def present_pose_deg(robot: Robot, snapshot: Snapshot) -> tuple[float, ...]:
-    """The pose to record, in degrees: commanded, else as the board reports it; ``StateError``: not known."""
+    """The pose to record, in degrees; ``StateError``: not known."""
+    return tuple(slider_degrees(robot, present_pose(snapshot)))
+
+
+def present_pose(snapshot: Snapshot) -> FloatArray:
+    """The same (n,) [rad]: as commanded, else as the board reports it."""
     q = snapshot.q_command if snapshot.commanded else snapshot.q
     if np.isfinite(q).all():
-        return tuple(slider_degrees(robot, q))
+        return q
     raise StateError(
         f"the arm is {snapshot.state.value}, so nobody knows where it stands; connect and enable it first"
     )

@@ -14,7 +14,7 @@ from armctl.program import CalledProgram, MoveStep, Program, Step
 from armctl.program.base_steps import BlockStep
 from armctl.program.edit import PLACES, Change, add, delete, duplicate, grid_around, move, surround
 from armctl.program.rehearsal import pose_after
-from armctl.protocol import Party, Snapshot, UpdateProgram
+from armctl.protocol import Party, UpdateProgram
 from armctl.ui.events import OneAtATime
 from armctl.ui.next_pose import PoseWriter
 from armctl.ui.offers import refused_by
@@ -24,6 +24,7 @@ from armctl.ui.tabs.manual.new_step import (
     SET_VIA,
     Point,
     in_each_cell,
+    present_pose,
     present_pose_deg,
     quick_kinds,
     step_here,
@@ -233,10 +234,10 @@ class ProgramRecord:
             group = gui.add_button_group(row, labels, hint=_TOOL_HINT if ARC in labels else None)
             session.on(group.on_click, partial(self._on_group, group))
             groups.append(group)
-        session.needs(None, *groups, also=refused_by(self._require_known))
+        session.needs(None, *groups, also=refused_by(present_pose))
         pose = partial(self._record, next(iter(self._kinds)))
         command = session.command("Record pose", pose, "Put the present pose on the list of Serial motion")
-        session.needs(None, command, also=refused_by(self._require_known), told=False)
+        session.needs(None, command, also=refused_by(present_pose), told=False)
         session.on_press("record", "Record", self._on_record_next)
         self._via = LiveHtml(gui)
         self._via.visible = False
@@ -251,9 +252,6 @@ class ProgramRecord:
         session.on(edits.on_click, lambda: self._edit(_EDITS[edits.value]))
         session.on(undo.on_click, editor.undo)
         session.on(redo.on_click, partial(editor.undo, redo=True))
-
-    def _require_known(self, snapshot: Snapshot) -> None:
-        present_pose_deg(self._session.console.robot, snapshot)
 
     def _on_where(self, where: viser.GuiDropdownHandle[str]) -> None:
         self._editor.where = where.value
