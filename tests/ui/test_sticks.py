@@ -10,7 +10,7 @@ from typing import cast
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from tests.runtime.kit import TICK
 from tests.ui.page_kit import FakePage
@@ -235,8 +235,19 @@ HANDS = st.lists(
 
 CLEAR = KeepClear(UZUNER)
 _AFTER_S = 0.1
+AGAINST_ITSELF = [
+    (True, [-1.0, -0.7, -1.0, 0.0, 0.0, 1.0], 5),
+    (False, [0.0] * 6, 1),
+    (True, [0.3, -0.7, 0.0, -0.7, -0.7, 1.0], 4),
+    (True, [0.0, 1.0, 1.0, 0.0, 1.0, 0.3], 6),
+    (True, [0.0, 1.0, 0.0, 1.0, 1.0, 0.0], 6),
+    (True, [0.0, -0.7, 0.0, 0.0, 0.0, -1.0], 6),
+    (True, [1.0, 0.0, 0.0, 0.0, 0.0, 0.0], 6),
+]
+"""the tool is pushed against the arm, which leads it beside its line"""
 
 
+@example(AGAINST_ITSELF, "base", 0.08582905899092078, 0.3)
 @given(HANDS, st.sampled_from(["base", "tool", None]), st.floats(0.005, 0.15), st.floats(0.05, 1.0))
 @settings(max_examples=100_000 if LONG else 60, deadline=None)
 def test_whatever_hands_do_no_limit_is_passed_and_the_arm_rests_soon_after_they_let_go(

@@ -73,7 +73,8 @@ class Jogger(Led):
         going_on = isinstance(wanted, JogTool) and self._line is not None and self._line.continues(wanted)
         if self._line is not None and (expired or not going_on):
             if not servo.standing:
-                return self._line.lead(servo, 0.0, dt)
+                speeds, notice = self._line.lead(servo, 0.0, dt)
+                return (np.zeros(self._robot.n) if self._rests_later(speeds) else speeds), notice
             self._line = None
         if not expired and not isinstance(wanted, JogTool):
             return wanted * self._robot.speed_limits * self._speed, None
@@ -82,6 +83,15 @@ class Jogger(Led):
         if self._line is None:
             self._line = JogLine(self._robot, servo.q, wanted)
         return self._line.lead(servo, self._speed, dt, wanted)
+
+    def _rests_later(self, speeds: FloatArray) -> bool:
+        """At ``speeds`` (n,) the arm would be farther from rest than now: a tool beside its line is drawn back.
+
+        Where an obstacle has pushed it aside that draws it to and fro.
+        """
+        servo = self._servo
+        now, then = (float((np.abs(v) / servo.acceleration_limits).max()) for v in (servo.v, speeds))
+        return then > now
 
 
 class JogLine:
