@@ -85,9 +85,9 @@ class Jogger(Led):
         return self._line.lead(servo, self._speed, dt, wanted)
 
     def _rests_later(self, speeds: FloatArray) -> bool:
-        """At ``speeds`` (n,) the arm would be farther from rest than now: a tool beside its line is drawn back.
+        """Whether the arm would be farther from rest at ``speeds`` (n,) than now.
 
-        Where an obstacle has pushed it aside that draws it to and fro.
+        A tool that an obstacle has pushed beside its line is drawn back to it, and again aside.
         """
         servo = self._servo
         now, then = (float((np.abs(v) / servo.acceleration_limits).max()) for v in (servo.v, speeds))
