@@ -406,6 +406,11 @@ def test_a_click_on_a_pin_in_the_scene_selects_its_step_and_makes_it_the_next_po
     assert page.node("/program/pin2") is None  # two steps lead to one place
     page.pause(300)
     at = arrow_px(page, "/program/pin1", 0.0)
+    over = page.page.locator("canvas[data-armctl-pressable]")
+    page.page.mouse.move(at[0] + 40, at[1] - 40)
+    expect(over).to_have_count(0)
+    page.page.mouse.move(*at)
+    expect(over).to_have_css("cursor", "pointer")
     page.page.mouse.click(*at)
     page.wait_until(lambda: selected(page) == 1, "its step is selected")
     expect(page.page.locator("armctl-part[name=next] p")).to_contain_text("step 2")

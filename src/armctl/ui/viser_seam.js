@@ -248,8 +248,9 @@ const armctlViser = (() => {
 
   // The scene is clicked, or pressed with the right button or by a finger that stays, and not dragged: a ray from the
   // camera in the scene's own frame, and where in the window: `pressed(long, [x, y, z, dx, dy, dz], left, top)`.
+  // The pointer shows that nodes whose names begin with `pressable` take a click.
   const [STILL_PX, LONG_MS] = [6, 550];
-  function onScenePress(pressed) {
+  function onScenePress(pressed, pressable) {
     let began = null;
     const isScene = (element) => element instanceof HTMLCanvasElement && element.closest("[data-dock-root]");
     const moved = (event) => Math.hypot(event.clientX - began.x, event.clientY - began.y) > STILL_PX;
@@ -272,7 +273,18 @@ const armctlViser = (() => {
         end();
       }, LONG_MS);
     }, true);
-    addEventListener("pointermove", (event) => began && moved(event) && end(), true);
+    let looks = false;
+    addEventListener("pointermove", (event) => {
+      if (began && moved(event)) end();
+      const { target: canvas, clientX, clientY } = event;
+      if (looks || event.pointerType !== "mouse" || !isScene(canvas)) return;
+      looks = true;
+      requestAnimationFrame(() => {
+        looks = false;
+        const over = !event.buttons && isMet(rayAt(canvas, clientX, clientY), pressable);
+        canvas.toggleAttribute("data-armctl-pressable", over);
+      });
+    }, true);
     addEventListener("pointerup", (event) => {
       if (began) tell(event.button === 2);
       end();
@@ -288,6 +300,26 @@ const armctlViser = (() => {
     const at = [(2 * (x - box.left)) / box.width - 1, 1 - (2 * (y - box.top)) / box.height];
     const [near, far] = [-0.9, 0.9].map((depth) => root.worldToLocal(camera.position.clone().set(...at, depth).unproject(camera)));
     return [...near.toArray(), ...far.sub(near).normalize().toArray()];
+  }
+
+  function isMet(ray, start) {
+    const viewer = window.__viserMutable;
+    return ray !== null && Object.entries(viewer.nodeRefFromName).some(([name, node]) => {
+      if (!node?.visible || !name.startsWith(start)) return false;
+      const toward = node.position.toArray().map((one, k) => one - ray[k]); // from the eye to its middle
+      const along = toward[0] * ray[3] + toward[1] * ray[4] + toward[2] * ray[5];
+      const beside = Math.hypot(...toward.map((one, k) => one - along * ray[k + 3]));
+      return along > 0 && beside <= radiusOf(node);
+    });
+  }
+  function radiusOf(node) {
+    let radius = 0;
+    node.traverse(({ geometry }) => {
+      if (!geometry) return;
+      geometry.boundingSphere ?? geometry.computeBoundingSphere();
+      radius = Math.max(radius, geometry.boundingSphere.radius);
+    });
+    return radius;
   }
 
   // The scene, once viser has built the node `root`; null before. Poses go where those of its server go.

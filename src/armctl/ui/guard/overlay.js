@@ -273,7 +273,7 @@
   viser("onScenePress", (long, ray, left, top) => {
     const value = [...ray, left, top].map((one) => one.toFixed(5)).join(" ");
     globalThis.armctlTell?.({ do: long ? "scene-press" : "scene-click", value });
-  });
+  }, "/program/pin");
   viser("letGoOfLists"); // the keys that jog are pressed next
 
   function show(now) {
