@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -419,6 +420,11 @@ def test_another_version_that_runs_marks_no_row(page: ListPage) -> None:
     page.put(*waits(1, 2, 3))
     assert page.marked("aria-current") == []
     assert "Runs another version: step 2 of 2" in page.parts[PART]
+    assert page.snapshot.program is not None
+    drawing = msgspec.structs.replace(page.shared.program, name="<name>", steps=tuple(waits(1)))
+    page.snapshot.program = replace(page.snapshot.program, name=drawing.name, running=drawing, coming=drawing)
+    page.draw()
+    assert "Runs another program, <b>&lt;name&gt;</b>: step 2 of 2" in page.parts[PART]
 
 
 def test_findings_stand_at_their_rows_the_worst_first(page: ListPage) -> None:

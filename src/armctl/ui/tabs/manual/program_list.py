@@ -344,7 +344,9 @@ class ProgramList:
             return f"{line} · <span style='color:{GOOD}'>runs {of}</span>"
         if self._shared.relation(progress) == "coming":
             return f"{line} · <span style='color:{GOOD}'>runs {of}</span>; <b>{EDIT_WAITS}</b>"
-        return f"{line}<br><span style='color:{WARNING}'>Runs another version: {of}</span>"
+        named = progress.running.name
+        other = "version" if named == program.name else f"program, <b>{escape(named)}</b>"
+        return f"{line}<br><span style='color:{WARNING}'>Runs another {other}: {of}</span>"
 
 
 def _running(snapshot: Snapshot) -> tuple[int, int] | None:
