@@ -41,6 +41,9 @@ def test_the_arm_jogs_while_a_button_is_held_and_says_why_where_it_cannot(
     assert served.now.gripper == pytest.approx(0.3)
 
     page.open_tab("Tool")
+    less, more = (page.button(f"Y {sign}").bounding_box() for sign in "−+")
+    assert less is not None and more is not None
+    assert less["y"] == more["y"] and less["x"] + less["width"] < more["x"]
     before = served.tool_mm
     page.hold("Y +", 1200)
     served.wait_for(page, State.HOLDING)

@@ -279,8 +279,8 @@ def verdict_html(findings: Sequence[Finding], unknown: Sequence[Unchecked] = ())
         # What is not checked at all must not be told as checked in the line above it.
         left_out = {one.kind for one in unknown if one.kind == "torque"}
         checked = ", ".join(kind for kind in _CHECKED if kind not in left_out)
-        summary = "<summary style='cursor:pointer'>Pre-flight: clear</summary>"
-        verdict = f"<details style='opacity:.75'>{summary}Checked: {checked}.</details>"
+        summary = f"<summary style='cursor:pointer;color:{GOOD};font-weight:600'>Pre-flight: clear</summary>"
+        verdict = f"<details>{summary}<span style='opacity:.75'>Checked: {checked}.</span></details>"
     else:
         shown = sorted(findings, key=lambda finding: finding.severity != "error")
         verdict = _headline(findings) + "".join(_finding_block(finding) for finding in shown[:_MOST_FINDINGS])

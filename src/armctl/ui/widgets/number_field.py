@@ -198,6 +198,14 @@ def field_grid(gui: viser.GuiApi) -> viser.GuiFormHandle:
     return grid
 
 
+def button_pairs(gui: viser.GuiApi) -> viser.GuiFormHandle:
+    """A container in which buttons stand two in a row, such as those of − and + of an axis."""
+    pairs = gui.add_form(None)
+    with pairs:
+        gui.add_html("<i hidden data-armctl-pairs></i>")  # for viser_console.css
+    return pairs
+
+
 DEGREES, MILLIMETRES = to_degrees(1.0), 1000.0
 """what a field shows for 1 rad and 1 m"""
 

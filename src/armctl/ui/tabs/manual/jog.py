@@ -23,7 +23,13 @@ from armctl.ui.tabs.manual.shared_program import SharedProgram
 from armctl.ui.tabs.manual.sticks import StickJog
 from armctl.ui.widgets.angle_fields import held_at
 from armctl.ui.widgets.html import LiveHtml, muted, table
-from armctl.ui.widgets.number_field import EditWatch, TextEntry, format_number, parse_numbers
+from armctl.ui.widgets.number_field import (
+    EditWatch,
+    TextEntry,
+    button_pairs,
+    format_number,
+    parse_numbers,
+)
 
 Frame = Literal["base", "tool"]
 FRAMES: dict[str, Frame] = {"base axes": "base", "tool axes": "tool"}
@@ -188,10 +194,12 @@ class JointJog:
         self._joint = gui.add_dropdown("Joint", self.axes)
         self._speed = gui.add_slider("Jog speed %", min=1, max=100, step=1, initial_value=25)
         jog = HeldJog(session)
-        for sign, text in ((-1.0, "−"), (1.0, "+")):
-            button = gui.add_button(f"Jog {text}")
-            jog.attach(button, lambda sign=sign: self.command(self._joint.value, sign))
-            session.needs(Need.JOG, button, told=sign > 0)
+        with button_pairs(gui):
+            for sign, text in ((-1.0, "−"), (1.0, "+")):
+                button = gui.add_button(f"Jog {text}")
+                jog.attach(button, lambda sign=sign: self.command(self._joint.value, sign))
+                session.needs(Need.JOG, button, told=False)
+        session.needs(Need.JOG)
         for title, text in held.items():
             gui.add_text(title, text, disabled=True)
 
@@ -226,11 +234,12 @@ class ToolJog:
         """of the user frames that are offered, by what is chosen"""
         self._speed = gui.add_slider("Tool mm/s", 1, 150, 1, initial_value=speed_mm_s, hint=_SPEED_HINT)
         jog = HeldJog(session)
-        for axis in self.axes:
-            for sign, text in ((-1.0, "−"), (1.0, "+")):
-                button = gui.add_button(f"{axis} {text}")
-                jog.attach(button, partial(self.command, axis, sign))
-                session.needs(Need.JOG, button, told=False)
+        with button_pairs(gui):
+            for axis in self.axes:
+                for sign, text in ((-1.0, "−"), (1.0, "+")):
+                    button = gui.add_button(f"{axis} {text}")
+                    jog.attach(button, partial(self.command, axis, sign))
+                    session.needs(Need.JOG, button, told=False)
         session.needs(Need.JOG)
         LiveHtml(gui, muted(_ORIENTATION if session.console.robot.orients_tool else _PITCH_AND_ROLL))
 
