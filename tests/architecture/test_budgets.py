@@ -27,7 +27,7 @@ FOLDERS = {
     "program": (26, 5_450),  # grids, a check of every path; calls, pick and place, messages, user frames
     "protocol": (5, 1_250),
     "robot": (44, 12_180),  # tools of a URDF arm; gaps of hulls in two thirds of the time
-    "runtime": (27, 6_620),  # joints let down, messages, which warnings a cause tells, tools
+    "runtime": (27, 6_630),  # joints let down, messages, which warnings a cause tells, tools; a jog rests
     "ui": (
         104,
         23_950,
