@@ -100,6 +100,7 @@ def test_the_gripper_stops_where_it_is(holding: Rig) -> None:
 def test_a_stop_with_nothing_to_stop_is_over_at_once(rig: Rig) -> None:
     stop(rig).result(0)
     assert rig.now.state is State.DISCONNECTED
+    assert rig.now.stops == 1  # whoever means to move the arm again sees it
 
 
 def test_a_stop_before_the_first_setpoint_moves_nothing(holding: Rig) -> None:

@@ -94,11 +94,14 @@ class Newcomer(FakePage):
         self.go()
         came = float((self.tip - target)[2])
         for _ in range(12):
-            off = SEEN_MM * np.round(1000 * (target - self.tip) / SEEN_MM)
+            heading = self.desk.points.heading or 0.0
+            c, s = np.cos(heading), np.sin(heading)
+            along = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) @ (target - self.tip)
+            off = SEEN_MM * np.round(1000 * along / SEEN_MM)
             if not off.any():
                 break
             axis = int(np.argmax(np.abs(off[:2]))) if np.abs(off[:2]).max() > 0.2 * abs(off[2]) else 2
-            size = next(one for one in (10, 5, 1) if one <= abs(off[axis]))
+            size = next(one for one in (10, 3, 1) if one <= abs(off[axis]))
             self.click(
                 ROWS[axis], f"{'+' if off[axis] > 0 else '−'}{size}", times=int(abs(off[axis]) // size)
             )

@@ -109,7 +109,7 @@ class CalibrationPoints:
         self._next = LiveHtml(gui, visible=False)
         self._crosshair = gui.add_dropdown("Crosshair", numbered(0), visible=False)
         above = gui.add_button("Next pose above it", color="gray")
-        self._steps = ToolSteps(session, lambda: self._points.sense, pause)
+        self._steps = ToolSteps(session, lambda: self._points.sense, lambda: self._points.heading, pause)
         here = gui.add_button("Here", icon=viser.Icon.TARGET)
         session.needs(None, here, also=refused_by(self._touch))
         self._lift = gui.add_button("Lift the tip", color="gray", icon=viser.Icon.ARROW_UP)
@@ -165,6 +165,7 @@ class CalibrationPoints:
         """Show where the tip is, and the points if they have changed."""
         self._tip.show(tip_html(self._robot, known(snapshot)))
         self._by_hand.refresh(snapshot)
+        self._steps.refresh()
         points = self._points
         chosen = None if points.sheet is None else int(self._crosshair.value)
         self._in_scene.refresh(points.sheet, chosen)

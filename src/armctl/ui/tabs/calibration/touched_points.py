@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from collections.abc import Awaitable, Callable, Collection
 from dataclasses import replace
 from typing import Any
@@ -137,6 +138,14 @@ class TouchedPoints:
     def aim(self) -> Aim | None:
         """How the arm comes near to a point, by the touches so far; None: too few."""
         return None if self._found is None else self._found.aim
+
+    @property
+    def heading(self) -> float | None:
+        """How the sheet is turned against the base, by the touches so far [rad]; None: there is no sheet."""
+        if self.sheet is None or self.aim is None:
+            return None if self.sheet is None else 0.0
+        x, y, _ = (self.aim.in_base(np.array((1.0, 0.0, 0.0))) - self.aim.in_base(np.zeros(3))).tolist()
+        return math.atan2(y, x)
 
     @property
     def retaken(self) -> int | None:

@@ -9,6 +9,7 @@ once the arm stands, what is missing is sent after it, in small slow motions lik
 from __future__ import annotations
 
 import asyncio
+import math
 from collections.abc import Awaitable, Callable, Sequence
 from contextlib import suppress
 from functools import partial
@@ -28,11 +29,13 @@ from armctl.ui.session import Session
 from armctl.ui.tabs.manual.joints import slow_duration
 from armctl.ui.widgets.html import LiveHtml, muted, numbers
 
-_STEPS_MM = {"−10": -10.0, "−5": -5.0, "−1": -1.0, "+1": 1.0, "+5": 5.0, "+10": 10.0}
-_STEP_ROWS = ("X ahead mm", "Y left mm", "Z up mm")
+_STEPS_MM = {"−10": -10.0, "−3": -3.0, "−1": -1.0, "+1": 1.0, "+3": 3.0, "+10": 10.0}
+_BASE_ROWS = ("X ahead mm", "Y left mm", "Z up mm")
+_SHEET_ROWS = ("X sheet mm", "Y sheet mm", "Z up mm")
 _MOST_STEP_RAD = 30.0 * DEGREE
 """a step that turns a joint by more is no small one: the arm stands near a singularity, or would turn over"""
-_STEP_NOTE = "X, Y and Z are those of the base: the red, green and blue arrow at the tool. Clicks add up."
+_BASE_NOTE = "X, Y and Z are those of the base: the red, green and blue arrow at the tool. Clicks add up."
+_SHEET_NOTE = "X and Y are along the sheet: X away from the base, Y to the left. Clicks add up."
 _SENT = 1e-6
 """a command that differs by less is the one that was sent [rad]"""
 _NEAR_M = 0.0004
@@ -51,6 +54,7 @@ _LOOK_S, _LOOKS = 0.08, 12
 """how often it is looked whether the arm stands, and how many times at most"""
 Pause = Callable[[float], Awaitable[None]]
 Sense = Callable[[], Sequence[float]]
+Heading = Callable[[], float | None]
 
 
 class StepAhead:
@@ -94,29 +98,49 @@ class StepAhead:
 class ToolSteps:
     """A row of steps for each axis: a click moves the tool by so much, and stops."""
 
-    def __init__(self, session: Session, sense: Sense | None = None, pause: Pause = asyncio.sleep) -> None:
-        """``sense`` gives (n,) in which sense each joint turned last; ``pause`` waits for so many seconds."""
+    def __init__(
+        self,
+        session: Session,
+        sense: Sense | None = None,
+        heading: Heading | None = None,
+        pause: Pause = asyncio.sleep,
+    ) -> None:
+        """``sense`` gives (n,) in which sense each joint turned last; ``pause`` waits for so many seconds.
+
+        ``heading`` gives that of a sheet whose axes the steps are along [rad]; None: the base's.
+        """
         gui, self._session, self._pause = session.gui, session, pause
         n = session.console.robot.n
         self._sense: Sense = (lambda: (0.0,) * n) if sense is None else sense
+        self._heading: Heading = (lambda: None) if heading is None else heading
+        self._on_sheet = False
         self._wanted, self._stepping = np.zeros(3), False
         """(3,) clicks that are not solved yet [m]; and whether the arm moves by earlier ones"""
         self._at, self._sent = np.zeros(n), np.full(n, np.nan)
         """(n,) where the clicks so far lead, and what was sent for that [rad]"""
         self._ahead = StepAhead(n)
-        for axis, label in enumerate(_STEP_ROWS):
-            row = gui.add_button_group(label, tuple(_STEPS_MM))
+        self._rows = [gui.add_button_group(label, tuple(_STEPS_MM)) for label in _BASE_ROWS]
+        for axis, row in enumerate(self._rows):
             session.needs(self.need, row, told=False)
             session.on(row.on_click, partial(self._on_step, axis, row))
         session.needs(self.need)
-        self._moved = LiveHtml(gui, muted(_STEP_NOTE))
+        self._note = LiveHtml(gui, muted(_BASE_NOTE))
 
     def need(self) -> Need | None:
         """What the next click needs of the arm: nothing while it moves by an earlier one."""
         return None if self._stepping else Need.HOLDING
 
     async def _on_step(self, axis: int, row: viser.GuiButtonGroupHandle) -> None:
-        await self.step(_STEPS_MM[row.value] / 1000 * np.eye(3)[axis])
+        await self.step(_STEPS_MM[row.value] / 1000 * _axes(self._heading())[axis])
+
+    def refresh(self) -> None:
+        """Say along which axes the steps are."""
+        on_sheet = self._heading() is not None
+        if on_sheet != self._on_sheet:
+            self._on_sheet = on_sheet
+            for row, label in zip(self._rows, _SHEET_ROWS if on_sheet else _BASE_ROWS, strict=True):
+                row.label = label
+            self._note.show(muted(_SHEET_NOTE if on_sheet else _BASE_NOTE))
 
     async def step(self, step_m: FloatArray) -> None:
         """Move the tool by (3,) [m] along the base's axes; refused out of reach, or where it cannot move."""
@@ -145,16 +169,18 @@ class ToolSteps:
                 goal = await asyncio.to_thread(tool_stepped, self._session.held, goal, step_m)
             before, self._at = self._at, goal
             if measures:
-                await self._go_measured(goal, stops)
+                came = await self._go_measured(goal, stops)
             else:
-                await self._send(self._sent + goal - before)
+                came = await self._send(self._sent + goal - before)
+            if not came:
+                return
         if measures:
             self._show_moved(begin)
 
-    async def _go_measured(self, goal: FloatArray, stops: int) -> None:
+    async def _go_measured(self, goal: FloatArray, stops: int) -> bool:
         """Send joints until the tool is measured at ``goal`` (n,), or back where something holds it.
 
-        ``stops``: of the snapshot when it began.
+        Whether it may go on: it was not stopped, and holds. ``stops``: of the snapshot when it began.
         """
         robot, q = self._session.held, self._session.snapshot.q
         first, asked_m = self._sent - q, 0.0
@@ -163,21 +189,22 @@ class ToolSteps:
             off_m = float(np.linalg.norm(robot.forward(goal)[:3, 3] - robot.forward(q)[:3, 3]))
             asked_m = max(asked_m, off_m)
             if off_m < _NEAR_M or (tries == _TRIES and off_m < asked_m / 2):
-                return
+                return True
             if tries == _TRIES:
                 break
             wanted = np.clip(self._ahead.wanted(way, ahead), first - _MOST_AHEAD, first + _MOST_AHEAD)
             if not await self._send(np.where(np.abs(way) > _COUNT, goal + wanted, self._sent)):
-                return
+                return False
             now = await self._stand(stops)
             if now is None:
-                return
+                return False
             self._ahead.learn(now - q, goal - now, self._sent - now)
             q = now
             if self._wanted.any():  # clicked meanwhile: on from here
-                return
+                return True
         await self._send(q + first)  # it does not go on to press against what holds it
         self._sent = np.full(len(q), np.nan)
+        return False
 
     async def _stand(self, stops: int) -> FloatArray | None:
         """(n,) where the arm is measured once it stands [rad]; None: STOP, or it holds no more."""
@@ -205,8 +232,15 @@ class ToolSteps:
 
     def _show_moved(self, begin: FloatArray) -> None:
         tips = [self._session.held.forward(q)[:3, 3] for q in (begin, self._session.snapshot.q)]
-        moved = numbers(1000 * (tips[1] - tips[0]), 1)
-        self._moved.show(f"<div>Moved by <b>{moved} mm</b>, as measured.</div>" + muted(_STEP_NOTE))
+        moved = numbers(1000 * _axes(self._heading()) @ (tips[1] - tips[0]), 1)
+        note = muted(_SHEET_NOTE if self._on_sheet else _BASE_NOTE)
+        self._note.show(f"<div>Moved by <b>{moved} mm</b>, as measured.</div>{note}")
+
+
+def _axes(heading: float | None) -> FloatArray:
+    """(3, 3) the axes X, Y and Z of the steps in its rows, base frame; ``heading`` None: the base's own."""
+    c, s = math.cos(heading or 0.0), math.sin(heading or 0.0)
+    return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def is_measured(snapshot: Snapshot) -> bool:
