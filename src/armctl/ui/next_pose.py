@@ -100,9 +100,9 @@ class PoseWriter:
         ``settled`` refuses (``ArmctlError``) while fields are being typed into. ``kept_words``: who it was,
         on a page that is loaded anew; empty: ``words``, which go on being true.
         """
-        self._next, self.words, self.movement = session.next, words, movement
-        self.ended, self.settled, self.kept_words = ended or (lambda _: None), settled, kept_words
-        self._begun = 0
+        self._next, self._begun, self.words, self.movement = session.next, 0, words, movement
+        self.ended: Callable[[End], None] = ended or (lambda _: None)
+        self.settled, self.kept_words = settled, kept_words
         if ended is not None:
             self._next.told.append(self)
 
