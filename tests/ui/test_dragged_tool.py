@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from tests.ui.page_kit import FakePage
 
+from armctl.errors import InputError
 from armctl.facts import State
-from armctl.robot import load_robot
+from armctl.robot import Robot, load_robot
 from armctl.ui.dragged_tool import DraggedTool, dragged_near, dragged_to
 from armctl.ui.guard import GuardedServer
 from armctl.ui.next_pose import PoseWriter
@@ -162,6 +163,30 @@ def test_a_click_that_drags_nothing_writes_nothing(server: GuardedServer) -> Non
         bench.drag(tip + np.array([0.0, 0.0, 0.01]), phase)  # this does
     assert page.next.q is not None
     assert UZUNER.forward(page.next.q)[:3, 3] == pytest.approx(tip + np.array([0.0, 0.0, 0.01]), abs=1e-6)
+
+
+def test_the_arrows_come_back_from_where_no_tool_can_be(server: GuardedServer) -> None:
+    bench = Dragging(server)
+    with pytest.raises(InputError, match="farther than 1000 m"):
+        bench.drag(np.array([2000.0, 0.0, 0.0]), "end")
+    assert bench.page.next.q is None
+    assert bench.tool._arrows.position == pytest.approx(UZUNER.forward(HOME)[:3, 3], abs=1e-5)
+
+
+@pytest.mark.parametrize("name", ["uzuner", "ur5"])
+def test_a_point_out_of_reach_is_solved_once_in_each_orientation(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot, solved = load_robot(name), list[object]()
+    inverse = Robot.inverse
+
+    def counted(self: Robot, point: Any, *given: Any, **named: Any) -> Any:
+        solved.append((tuple(point), named.get("rotation") is None))
+        return inverse(self, point, *given, **named)
+
+    monkeypatch.setattr(Robot, "inverse", counted)
+    _, missed = dragged_near(robot, np.array([2.0, 0.1, 0.2]), robot.pose("home"), done=False)
+    assert missed is not None and len(solved) == len(set(solved))
 
 
 def test_it_overwrites_no_pose_that_was_written_after_it_was_let_go(server: GuardedServer) -> None:

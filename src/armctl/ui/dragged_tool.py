@@ -6,12 +6,13 @@ Where the tool cannot follow, the next pose is the nearest one, and the page say
 from __future__ import annotations
 
 import asyncio
+from contextlib import suppress
 
 import numpy as np
 import viser
 
 from armctl.arrays import FloatArray
-from armctl.errors import ArmctlError
+from armctl.errors import ArmctlError, UnreachableError
 from armctl.facts import State
 from armctl.kinematics import DEFAULT_STEP, Solutions
 from armctl.kinematics.families.numeric.descent import PositionGoal, come_nearest
@@ -91,17 +92,16 @@ class DraggedTool:
             self._dragged = False
             return
         before = self._session.next.shown_in(self._session.snapshot)
-        q, missed = await asyncio.to_thread(dragged_near, self._robot, point, before, done=done)
-        if self._session.closed:
-            return
-        if not self._writer.overtaken:
-            self._tell(missed, point, q)
-            if q is not None:
-                self._writer.show(q)
-        if done and not self._held:
-            self._told_out = False
-            self._dragged = False
-            self._stand(self._tool(self._session.snapshot))
+        try:
+            q, missed = await asyncio.to_thread(dragged_near, self._robot, point, before, done=done)
+            if not (self._session.closed or self._writer.overtaken):
+                self._tell(missed, point, q)
+                if q is not None:
+                    self._writer.show(q)
+        finally:
+            if done and not (self._held or self._session.closed):
+                self._told_out = self._dragged = False
+                self._stand(self._tool(self._session.snapshot))
 
     def _tell(self, missed: Solutions | None, point: FloatArray, q: FloatArray | None) -> None:
         """Say at once, and once a drag, that the tool cannot go there; the line says how far it is away."""
@@ -122,11 +122,11 @@ def dragged_near(
 
     Where the arm is stretched, all but the way back is out of its reach: it follows downhill from ``before``.
     Where that ends too early, the nearest point is solved, in a posture like that one if there is one.
+    ``InputError``: a point that is none.
     """
-    q = dragged_to(robot, point, before, done=done)
+    q, missed = _led(robot, point, before, done=done)
     if q is not None:
         return q, None
-    missed = robot.inverse(point, step=_COARSE_STEP, start=before)
     if missed.nearest_m is None or missed.nearest_q is None:
         return None, missed
     chain = robot.chain
@@ -146,14 +146,22 @@ def dragged_to(
     An arm that can turn its tool about any axis keeps it turned as it is, where it can. ``done``: exactly;
     else a joint that is free is stepped more coarsely. None: there is none.
     """
+    try:
+        return _led(robot, point, before, done=done)[0]
+    except ArmctlError:
+        return None
+
+
+def _led(
+    robot: Robot, point: FloatArray, before: FloatArray, *, done: bool
+) -> tuple[FloatArray | None, Solutions]:
+    """As ``dragged_to``, and among which solutions that was found."""
     step = DEFAULT_STEP if done else _COARSE_STEP
-    turned = [robot.forward(before)[:3, :3]] if robot.orients_tool else []
-    for rotation in (*turned, None):
-        try:
-            found = robot.inverse(point, rotation=rotation, step=step, start=before)
+    if robot.orients_tool:
+        with suppress(UnreachableError):  # an orientation that cannot be kept is given up
+            found = robot.inverse(point, rotation=robot.forward(before)[:3, :3], step=step, start=before)
             q = found.best("least-travel", before)
-        except ArmctlError:
-            continue
-        if rotation is None or robot.off_rotation(found, q) is None:
-            return q
-    return None
+            if robot.off_rotation(found, q) is None:
+                return q, found
+    found = robot.inverse(point, step=step, start=before)
+    return found.best("least-travel", before) if found.success else None, found
