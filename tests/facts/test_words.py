@@ -95,6 +95,7 @@ from armctl.facts.causes import (
     TipUntold,
     TooFew,
     ToolTurnedLittle,
+    WorstPoint,
     ZeroOff,
 )
 from armctl.facts.commands import (
@@ -181,6 +182,7 @@ from armctl.facts.targets import (
     ReachedFree,
     Searched,
     StrokeLeftOut,
+    ToolStepRefused,
     TurnTogether,
 )
 from armctl.facts.words import KINDS, LANGUAGES, fact_of, fact_record, opening, preferred
@@ -258,6 +260,7 @@ SAMPLES: list[Reason] = [
     LengthOff("Elbow", 3, "a", 0.116, 0.001, 0.0002),
     PlaceOff("x", 0.005, 0.0003),
     MistakenPoint(4, (0.012, -0.003, 0.0004)),
+    WorstPoint(4, (0.012, -0.003, 0.0004)),
     *(
         NotTold("Elbow", one)
         for one in ("zero", "sag", "play", "scale", "a", "d", "place", "tilt", "heading")
@@ -344,6 +347,8 @@ SAMPLES: list[Reason] = [
 ]
 SAMPLES += [
     OtherConfiguration(),
+    ToolStepRefused((0.01, 0.0, -0.001)),
+    ToolStepRefused((0.01, 0.0, -0.001), turns=math.radians(30)),
     StrokeLeftOut(1, 2, 0.0, 0.03, 0.03),
     StrokeLeftOut(3, 9, 0.01, 0.02, 0.1, ELBOW),
 ]

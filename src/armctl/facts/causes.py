@@ -95,6 +95,16 @@ class MistakenPoint(Reason):
 
 
 @dataclass(frozen=True, slots=True)
+class WorstPoint(Reason):
+    """The touched point that fits worst to the others, and still belongs to them."""
+
+    number: int
+    """from 1"""
+    off: tuple[float, float, float]
+    """as in ``MistakenPoint``"""
+
+
+@dataclass(frozen=True, slots=True)
 class NotTold(Reason):
     """A number of a joint or a link that touched points cannot tell."""
 

@@ -82,6 +82,10 @@ WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
         f"point {one.number} is {in_millimetres(one.away)} mm from where the others put it and was left out; "
         f"the tip was {causes.in_signed_millimetres(one.off)} mm (x, y, z) from there"
     ),
+    causes.WorstPoint: lambda one: (
+        f"point {one.number} fits worst: the tip was {causes.in_signed_millimetres(one.off)} mm (x, y, z) "
+        "from where the others put it"
+    ),
     causes.NotTold: lambda one: f"these points do not tell {_NUMBERS[one.what]}; it stays as it is",
     causes.FitFigures: _figures,
     causes.GoodAlready: lambda one: (

@@ -7,6 +7,7 @@ from typing import Any
 
 from armctl.facts import targets
 from armctl.facts.angles import in_degrees
+from armctl.facts.causes import in_signed_millimetres
 from armctl.facts.english import angle_needed
 from armctl.facts.reasons import Reason, in_millimetres
 
@@ -194,6 +195,14 @@ def _left_out(one: targets.StrokeLeftOut) -> str:
     return filled if one.why is None else f"{filled}: "
 
 
+def _step(one: targets.ToolStepRefused) -> str:
+    step = f"{in_signed_millimetres(one.step_m)} mm (x, y, z) from here"
+    if one.turns is None:
+        return f"{step} is out of reach; step elsewhere"
+    turns = in_degrees(one.turns, ".0f")
+    return f"{step} would turn a joint by more than {turns}: take a smaller step, or go there with Go"
+
+
 WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
     targets.JointsNeeded: _joints,
     targets.LimitsForbid: _forbid,
@@ -236,6 +245,7 @@ WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
     targets.Instead: _instead,
     targets.PoseUnmet: _unmet,
     targets.StrokeLeftOut: _left_out,
+    targets.ToolStepRefused: _step,
     targets.OtherConfiguration: lambda _: "the arm would have to change its configuration there",
     targets.Besides: lambda _: "besides, ",
     targets.ReachedFree: lambda one: (

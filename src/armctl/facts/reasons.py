@@ -41,6 +41,8 @@ class Need(Enum):
     CONNECTED = "connected and without a fault"
 
 
+# Numbers as people read them.
+
 UNITS = {"speed": "°/s", "acceleration": "°/s²", "jerk": "°/s³"}
 """of the rates of a joint, as people read them"""
 
@@ -61,14 +63,10 @@ def limits_apart(angles: Sequence[float], low: float, high: float) -> tuple[list
     return list(dict.fromkeys(said)), first, last
 
 
-_SEEN_MM = 0.05
-"""what one decimal shows as more than 0.0 [mm]"""
-
-
 def in_millimetres(metres: float) -> str:
     """A length [m] as a number of mm: with one decimal, or two digits of one that would read as 0.0."""
     length = 1000.0 * metres
-    return f"{length:.1f}" if abs(length) >= _SEEN_MM else f"{length:.2g}"
+    return f"{length:.1f}" if abs(length) >= 0.05 else f"{length:.2g}"
 
 
 class Reason:

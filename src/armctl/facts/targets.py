@@ -377,6 +377,15 @@ class PointReached(Reason):
 
 
 @dataclass(frozen=True, slots=True)
+class ToolStepRefused(Reason):
+    """A step of the tool along the axes of the base (3,) [m] that the arm does not make from where it is."""
+
+    step_m: tuple[float, float, float]
+    turns: float | None = None
+    """it would turn a joint by more than this [rad]; None: it is out of reach"""
+
+
+@dataclass(frozen=True, slots=True)
 class OtherConfiguration(Reason):
     """A place that the arm reaches, but not from where it comes without changing its configuration."""
 

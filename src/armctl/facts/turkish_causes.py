@@ -82,6 +82,10 @@ WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
         f"{one.number}. nokta, ötekilerin gösterdiği yerden {in_millimetres(one.away)} mm uzakta; "
         f"hesaba katılmadı; uç, oraya göre {causes.in_signed_millimetres(one.off)} mm (x, y, z) ötedeydi"
     ),
+    causes.WorstPoint: lambda one: (
+        f"en az uyan {one.number}. nokta: uç, ötekilerin gösterdiği yere göre "
+        f"{causes.in_signed_millimetres(one.off)} mm (x, y, z) ötedeydi"
+    ),
     causes.NotTold: lambda one: f"bu noktalar {_NUMBERS[one.what]} göstermiyor; olduğu gibi kalıyor",
     causes.FitFigures: _figures,
     causes.GoodAlready: lambda one: (

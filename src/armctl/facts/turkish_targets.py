@@ -7,6 +7,7 @@ from typing import Any
 
 from armctl.facts import targets
 from armctl.facts.angles import in_degrees
+from armctl.facts.causes import in_signed_millimetres
 from armctl.facts.reasons import Reason, in_millimetres
 from armctl.facts.turkish import angle_needed
 
@@ -203,6 +204,14 @@ def _left_out(one: targets.StrokeLeftOut) -> str:
     return filled if one.why is None else f"{filled}: "
 
 
+def _step(one: targets.ToolStepRefused) -> str:
+    step = f"buradan {in_signed_millimetres(one.step_m)} mm (x, y, z)"
+    if one.turns is None:
+        return f"{step} erişim dışında; başka bir yöne adım atın"
+    turns = in_degrees(one.turns, ".0f")
+    return f"{step} bir eklemi {turns} üzerinde döndürürdü: daha küçük bir adım atın, ya da Go ile gidin"
+
+
 WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
     targets.JointsNeeded: _joints,
     targets.LimitsForbid: _forbid,
@@ -247,6 +256,7 @@ WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
     targets.Instead: _instead,
     targets.PoseUnmet: _unmet,
     targets.StrokeLeftOut: _left_out,
+    targets.ToolStepRefused: _step,
     targets.OtherConfiguration: lambda _: "kol orada başka bir çözüme geçmek zorunda kalır",
     targets.Besides: lambda _: "ayrıca ",
     targets.ReachedFree: lambda one: _REACHED_FREE[one.without],

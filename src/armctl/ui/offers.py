@@ -51,7 +51,7 @@ class Offer:
     _off: bool | None = None
     """whether they cannot be used, as they show it; None: nobody has told them yet"""
     _told: str | Reason | None = None
-    """why they cannot be used, as it is shown"""
+    """why they cannot be used, as it is shown: its words take six times as long as to compare it"""
 
     def draw(self, snapshot: Snapshot, why_not: Callable[[Need | None], str | None], *, told: bool) -> None:
         """Enable or disable them; ``why_not``: what needs this of the arm. ``told``: and show the reason."""

@@ -9,7 +9,7 @@ import numpy as np
 from armctl.arrays import FloatArray
 from armctl.calibration import LEAST_POINTS, TouchFit, TouchSheet
 from armctl.facts import say, say_with_advice
-from armctl.facts.causes import in_signed_millimetres
+from armctl.facts.causes import WorstPoint
 from armctl.robot import Robot
 from armctl.ui.tabs.calibration.touched_points import TouchedPoints
 from armctl.ui.widgets.html import (
@@ -138,9 +138,8 @@ def result_html(points: TouchedPoints) -> str:
     text += "".join(f"<div>{escape(sentence(say_with_advice(one)))}</div>" for one in told)
     worst = points.doubtful
     if worst is not None and not result.mistaken:
-        off = in_signed_millimetres(result.missed_m[worst].tolist())
-        where = f"the tip was {off} mm (x, y, z) from where the others put it"
-        text += f"<div>Point {worst + 1} fits worst: {where}.</div>"
+        x, y, z = result.missed_m[worst].tolist()
+        text += f"<div>{escape(sentence(say(WorstPoint(worst + 1, (x, y, z)))))}</div>"
     if result.held:
         text += folded("What these points do not tell", [sentence(say(one)) for one in result.held])
     if suggested := points.suggestion:

@@ -20,7 +20,8 @@ import viser
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, MotionRefusedError
 from armctl.facts import Need, State
-from armctl.facts.angles import DEGREE, to_degrees
+from armctl.facts.angles import DEGREE
+from armctl.facts.targets import ToolStepRefused
 from armctl.hardware import Source
 from armctl.protocol import MoveJoints, Snapshot
 from armctl.robot import Robot
@@ -251,7 +252,7 @@ def is_measured(snapshot: Snapshot) -> bool:
 def tool_stepped(robot: Robot, q: FloatArray, step_m: FloatArray) -> FloatArray:
     """The configuration (n,) [rad] with the tool (3,) [m] further than at ``q``, base axes, the nearest one.
 
-    With the tool turned as it is, where the arm can. ``MotionRefusedError``: out of reach.
+    With the tool turned as it is, where the arm can. ``MotionRefusedError``: out of reach, or too far a turn.
     """
     point = robot.forward(q)[:3, 3] + step_m
     goal: FloatArray | None = None
@@ -261,12 +262,9 @@ def tool_stepped(robot: Robot, q: FloatArray, step_m: FloatArray) -> FloatArray:
             goal = robot.inverse(point, pitch=pitch, roll=roll, start=q).best("least-travel", q)
     if goal is None or np.abs(goal - q).max() > _MOST_STEP_RAD:
         goal = dragged_to(robot, point, q)
-    step = ", ".join(f"{1000 * one:+g}" for one in step_m.tolist())
+    x, y, z = step_m.tolist()
     if goal is None:
-        raise MotionRefusedError(f"{step} mm (x, y, z) from here is out of reach; step elsewhere")
+        raise MotionRefusedError(ToolStepRefused((x, y, z)))
     if np.abs(goal - q).max() > _MOST_STEP_RAD:
-        raise MotionRefusedError(
-            f"{step} mm (x, y, z) from here would turn a joint by more than "
-            f"{to_degrees(_MOST_STEP_RAD):.0f}°: take a smaller step, or go there with Go"
-        )
+        raise MotionRefusedError(ToolStepRefused((x, y, z), turns=_MOST_STEP_RAD))
     return goal
