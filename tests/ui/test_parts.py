@@ -8,6 +8,7 @@ import queue
 import threading
 from collections.abc import Iterator
 from functools import partial
+from typing import Any, cast
 
 import pytest
 from tests.ui.guard_kit import PATIENCE_S
@@ -16,9 +17,32 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
 from armctl.ui.guard import GuardedServer, guarded_server
-from armctl.ui.guard.parts import MOST_TYPED, Parts
+from armctl.ui.guard.parts import MOST_TYPED, PartLines, Parts
 
 PAGE = "0123456789abcdef"
+
+
+class WaitingLine:
+    """A line of a page that nobody knows, which stays open."""
+
+    async def recv(self) -> str:
+        return json.dumps({"page": PAGE, "load": "1"})
+
+    async def wait_closed(self) -> None:
+        await asyncio.Event().wait()
+
+
+def test_a_line_that_waits_leaves_nothing_behind_when_its_server_ends() -> None:
+    async def main() -> set[asyncio.Task[Any]]:
+        handling = asyncio.create_task(PartLines().handle(cast(Any, WaitingLine())))
+        for _ in range(3):  # it waits for its parts, and for its end
+            await asyncio.sleep(0)
+        handling.cancel()
+        await asyncio.wait({handling})
+        await asyncio.sleep(0)
+        return asyncio.all_tasks() - {cast(asyncio.Task[Any], asyncio.current_task())}
+
+    assert asyncio.run(main()) == set()
 
 
 def test_what_changes_is_sent_once_however_often_it_has_changed() -> None:
@@ -245,6 +269,26 @@ def test_a_line_that_waits_keeps_no_server_from_ending(server: GuardedServer) ->
             hear(page)
         ended.join()
     assert server.get_event_loop().is_closed()
+
+
+def test_what_is_still_being_done_keeps_no_server_from_ending(server: GuardedServer) -> None:
+    parts, _ = parts_of(server, "mine")
+    begun = threading.Event()
+
+    async def wait_for_the_arm(_: str) -> None:
+        begun.set()
+        await asyncio.Event().wait()
+
+    parts.on("go", wait_for_the_arm)
+    with line(server) as page:
+        page.send(json.dumps({"page": PAGE}))
+        hear(page)
+        page.send(json.dumps({"do": "go"}))
+        assert begun.wait(PATIENCE_S)
+        server.stop()
+        assert server.get_event_loop().is_closed()
+        with pytest.raises(ConnectionClosed):
+            hear(page)
 
 
 def test_the_newer_of_two_lines_with_one_name_is_the_page_s(server: GuardedServer) -> None:

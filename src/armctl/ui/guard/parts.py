@@ -203,7 +203,9 @@ class PartLines:
         self._lines: dict[str, ServerConnection] = {}
         self._loads: dict[str, str] = {}
         """by page, which time of its being loaded its parts are of"""
-        self._linked = asyncio.Event()
+        self._changed = asyncio.Event()
+        """set once, when a page has its parts or a line that waits has ended"""
+        self._serving: set[asyncio.Task[None]] = set()
 
     def link(self, page: str, load: str, parts: Parts) -> None:
         """These are the parts of ``page`` from now on, as it was loaded this time.
@@ -212,8 +214,7 @@ class PartLines:
         """
         self._end(page)
         self._parts[page], self._loads[page] = parts, load
-        self._linked.set()
-        self._linked = asyncio.Event()
+        self._wake()
 
     def unlink(self, parts: Parts) -> None:
         """These are the parts of no page any more."""
@@ -228,23 +229,43 @@ class PartLines:
     async def _wait_for(self, line: ServerConnection, page: str, load: str) -> None:
         """Wait until a page has its parts; raises ``ConnectionClosed`` where its line ends before."""
         closed = asyncio.create_task(line.wait_closed())
+        closed.add_done_callback(lambda _: self._wake())
         try:
             while self._loads.get(page) != load:
-                linked = asyncio.create_task(self._linked.wait())
-                await asyncio.wait({linked, closed}, return_when=asyncio.FIRST_COMPLETED)
-                linked.cancel()
+                await self._changed.wait()
                 if closed.done():
                     raise line.protocol.close_exc
         finally:
             closed.cancel()
 
+    def _wake(self) -> None:
+        """Let all lines that wait look again."""
+        self._changed.set()
+        self._changed = asyncio.Event()
+
+    def close(self) -> None:
+        """The server ends: nobody waits for what is still being done."""
+        for serving in self._serving:
+            serving.cancel()
+
     async def handle(self, line: ServerConnection) -> None:
-        """Serve a line that the web server has let in, until it ends. What is done there waits its turn.
+        """Serve a line that the web server has let in, until it ends, or all do. What is done waits its turn.
 
         A page that is loaded anew keeps its name. On a busy computer its line may be here before anybody
         knows that the page before it has gone, and that one's line after its parts have come: each gets its
         own parts only, as what is pressed ends with them.
         """
+        serving = asyncio.create_task(self._serve(line))
+        self._serving.add(serving)
+        try:
+            await asyncio.wait({serving})
+        finally:
+            serving.cancel()
+            self._serving.discard(serving)
+        if not serving.cancelled():
+            serving.result()
+
+    async def _serve(self, line: ServerConnection) -> None:
         gauge = _Gauge(asyncio.get_running_loop().time)
         with suppress(ConnectionClosed):
             try:

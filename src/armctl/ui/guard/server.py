@@ -243,6 +243,7 @@ class GuardedServer(viser.ViserServer):
         if self._stopped:
             return
         self._stopped = True
+        self.get_event_loop().call_soon_threadsafe(self.part_lines.close)
         super().stop()
         self.stop_lines.close()
         if self.refusals:
