@@ -17,6 +17,7 @@ from armctl.ui.guard import GuardedServer
 from armctl.ui.next_pose import NextPoses, PoseWriter
 from armctl.ui.tabs.manual.program_ahead import ProgramAhead
 from armctl.ui.tabs.manual.program_editor import ProgramEditor
+from armctl.ui.tabs.manual.program_pins import ProgramPins
 from armctl.ui.tabs.manual.scene_menu import SceneMenu, pressed_point
 from armctl.ui.tabs.manual.shared_program import SharedProgram
 
@@ -59,7 +60,8 @@ class Bench:
         self.page.console.shared = lambda kind: of_all[kind]
         of_all[ProgramAhead] = ProgramAhead(self.page.console)
         self.editor = ProgramEditor(self.page.session)
-        self.menu = SceneMenu(self.page.session, self.editor)
+        self.pins = ProgramPins(self.page.session, self.editor)
+        self.menu = SceneMenu(self.page.session, self.editor, self.pins)
 
     def press(self, point: np.ndarray, left: float = 40.0, top: float = 50.0) -> None:
         """From straight above, with the right button."""
@@ -126,13 +128,18 @@ def test_a_pin_that_is_pressed_is_the_place(server: GuardedServer) -> None:
     bench.shared.edit(
         Program(robot="uzuner", name="test", steps=(MoveStep(joints_deg=tuple(ROBOT.shown(aside).tolist())),))
     )
-    ahead = bench.page.console.shared(ProgramAhead)
-    bench.page.act(lambda: ahead.look(bench.page.session, bench.page.session.snapshot))
-    tip = ROBOT.forward(aside)[:3, 3]
+    tip, height = ROBOT.forward(aside)[:3, 3], f"Z {1000 * ROBOT.forward(aside)[2, 3]:.1f} mm"
+    snapshot = bench.page.session.snapshot
+    bench.page.act(lambda: bench.pins.refresh(snapshot, shown=True))  # it is worked out
+    bench.page.act(lambda: bench.pins.refresh(snapshot, shown=True))
     bench.press(tip[:2])
+    assert height in bench.text
     bench.do("menu-here")
     assert bench.page.next.q is not None
     assert ROBOT.forward(bench.page.next.q)[:3, 3] == pytest.approx(tip, abs=1e-6)
+    bench.page.act(lambda: bench.pins.refresh(snapshot, shown=False))
+    bench.press(tip[:2])
+    assert "Z 0.0 mm" in bench.text  # nobody sees a pin there
 
 
 @pytest.mark.parametrize("value", ["", "1 2 3", "0 0 1 0 0 0 1 1", "nan 0 1 0 0 -1 1 1", "x 0 1 0 0 -1 1 1"])

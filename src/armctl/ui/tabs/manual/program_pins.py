@@ -122,13 +122,17 @@ class ProgramPins:
                 above = (pin.point[0], pin.point[1], pin.point[2] + 2 * radius)
                 self._nodes.append(scene.add_label(f"/program/number{i}", pin.label, position=above))
 
+    @property
+    def points(self) -> FloatArray:
+        """Where pins are drawn (k, 3) [m]."""
+        return np.array([pin.point for pin in self._pins]).reshape(-1, 3)
+
     def click(self, origin: FloatArray, direction: FloatArray) -> bool:
         """Take a click along a ray if it meets a pin that is drawn; ``origin`` (3,) [m], ``direction`` (3,).
 
         The step that leads there is selected; clicked again, the next one of those.
         """
-        points = np.array([pin.point for pin in self._pins]).reshape(-1, 3)
-        met = first_met(origin, direction, points, _NEAR * pin_radius(self._robot))
+        met = first_met(origin, direction, self.points, _NEAR * pin_radius(self._robot))
         if met is not None:
             self._choose(self._pins[met])
         return met is not None

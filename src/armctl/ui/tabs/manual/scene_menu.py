@@ -17,9 +17,8 @@ from armctl.robot import Robot
 from armctl.ui.dragged_tool import dragged_to
 from armctl.ui.next_pose import PoseWriter
 from armctl.ui.session import Session
-from armctl.ui.tabs.manual.program_ahead import ProgramAhead
 from armctl.ui.tabs.manual.program_editor import ProgramEditor
-from armctl.ui.tabs.manual.program_pins import Pin, first_met, pin_radius, pins_of
+from armctl.ui.tabs.manual.program_pins import ProgramPins, first_met, pin_radius
 from armctl.ui.widgets.html import button, fixed
 from armctl.ui.widgets.number_field import parse_numbers
 
@@ -61,10 +60,9 @@ def pressed_point(
 class SceneMenu:
     """One page's menu; it moves nothing."""
 
-    def __init__(self, session: Session, editor: ProgramEditor) -> None:
-        self._session, self._editor = session, editor
+    def __init__(self, session: Session, editor: ProgramEditor, pins: ProgramPins) -> None:
+        self._session, self._editor, self._pins = session, editor, pins
         self._robot = session.console.robot
-        self._ahead = session.console.shared(ProgramAhead)
         self._writer = PoseWriter(session, "pointed at in the scene")
         self._point: FloatArray | None = None
         """what was pressed (3,) [m]; None: there is no menu"""
@@ -85,17 +83,10 @@ class SceneMenu:
     def _on_scene(self, _: str, value: str) -> None:
         origin, direction, self._place = read_ray(value)
         radius = _NEAR_A_PIN * pin_radius(self._robot)
-        self._point = pressed_point(origin, direction, self._robot.floor_z, self.pins, radius)
+        self._point = pressed_point(origin, direction, self._robot.floor_z, self._pins.points, radius)
         if self._point is not None and np.linalg.norm(self._point) > _FAR * self._robot.chain.length:
             self._point = None
         self.refresh(self._session.snapshot)
-
-    @property
-    def pins(self) -> FloatArray:
-        """Where pins are drawn (k, 3) [m]."""
-        found = self._ahead.rehearsal
-        pins: list[Pin] = [] if found is None else pins_of(self._robot, found)
-        return np.array([pin.point for pin in pins]).reshape(-1, 3)
 
     def _close(self, _: str = "") -> None:
         self._point = None

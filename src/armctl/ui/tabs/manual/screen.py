@@ -37,7 +37,7 @@ class SerialMotion:
         self._answer = gui.add_button_group("Unsaved program", (RESTORE, DELETE), visible=False)
         self._list = ProgramList(session, self._editor, lambda: self._run.findings)
         self._pins = ProgramPins(session, self._editor)
-        self._menu = SceneMenu(session, self._editor)
+        self._menu = SceneMenu(session, self._editor, self._pins)
         self._ring = LinkRing(session, self._pins.click)
         self._with_pins = gui.add_checkbox("In the scene", initial_value=True, hint=_PINS_HINT)
         verdict = LiveHtml(gui)
