@@ -13,6 +13,7 @@ from tests.sticks import of_sticks
 from tests.ui.page_kit import FakePage
 
 from armctl.arrays import FloatArray
+from armctl.errors import InputError
 from armctl.kinematics import CRITERIA, Target
 from armctl.motion.choices import way_refused
 from armctl.robot import Robot, load_robot
@@ -271,6 +272,9 @@ def test_an_answer_overwrites_no_pose_that_was_written_after_it_was_asked_for(se
         return await out(*given, undo=undo)
 
     page.work_out = work_out  # type: ignore[method-assign]
+    with pytest.raises(InputError, match="the next pose was changed while it was solved"):
+        page.press("Go by least energy")  # it is not what would be seen to be sent
+    assert not page.sent and np.array_equal(page.next.q, there)
     page.press("Solve")
     assert "solutions inside the limits" in page.html
     assert page.next.q is not None and np.array_equal(page.next.q, there)

@@ -223,9 +223,12 @@ class InverseScreen:
     async def _on_go_least(self) -> None:
         self._form.watch.require_settled()
         self._movement.checked()
-        found = self._present_answer(self._session.snapshot) or await self._update()
+        found = self._present_answer(self._session.snapshot)
         if found is None:
-            raise InputError("the target was changed while it was solved; look at the result and press again")
+            found = await self._update()
+            if found is None or self._writer.overtaken:
+                what = "target" if found is None else "next pose"
+                raise InputError(f"the {what} was changed while it was solved; look at it, then press again")
         if found.next is None or found.why_not:
             raise UnreachableError(found.why_not or "there is no solution")
         await self._writer.go(found.next)
