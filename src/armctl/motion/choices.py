@@ -52,7 +52,7 @@ def _solved(
     position_only = target.pitch is None and target.roll is None and target.rotation is None
     own = not isinstance(choose, str) and callable(choose)
     if not own and checked_criterion(choose) == "least-rotation" and position_only and solver.direct:
-        q = robot.least_rotation(target.position)  # the same without listing ten thousand others
+        q = solver.least_rotation(target.position)  # the same without listing ten thousand others
         if np.isfinite(q).all():
             return q, None
     begin = None if start is None else robot.chain.checked_one(start)

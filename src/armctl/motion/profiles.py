@@ -55,10 +55,6 @@ class _Shape:
     peaks: tuple[float, ...]
     """largest speed, acceleration and, where the law keeps the jerk limit, jerk, for a way and a time of 1"""
 
-    def times(self, way: FloatArray, *limits: FloatArray) -> FloatArray:
-        """Shortest times [s] for ways (n,), from limits (n,) of speed, acceleration and jerk."""
-        return rest_to_rest_times(way, self.peaks, *limits)
-
     def over(self, way: FloatArray, time: float) -> PiecewisePolynomial:
         """Ways (n,) in a time [s]."""
         powers = np.array(self.powers) / time ** np.arange(len(self.powers))
@@ -81,7 +77,8 @@ def law_over(
     """
     if checked_profile(profile) in _SHAPES:
         shape, way = _SHAPES[profile], np.array([length])
-        return shape.over(way, float(shape.times(way, *np.array([[speed], [acceleration], [jerk]]))[0]))
+        limits = np.array([[speed], [acceleration], [jerk]])
+        return shape.over(way, float(rest_to_rest_times(way, shape.peaks, *limits)[0]))
     if profile == "trapezoid":
         peak = min(speed, math.sqrt(length * acceleration))  # a triangle where the way is short
         ramp = peak / acceleration
@@ -193,7 +190,8 @@ class PointToPoint(KnowsPeaks):
         laws: list[PiecewisePolynomial | None] = []
         if shape is not None:
             way = np.where(np.abs(travel) > NOWHERE, np.abs(travel), 0.0)
-            times = shape.times(way, robot.speed_limits, robot.acceleration_limits, robot.jerk_limits)
+            limits = robot.speed_limits, robot.acceleration_limits, robot.jerk_limits
+            times = rest_to_rest_times(way, shape.peaks, *limits)
         else:
             laws = _laws(robot, travel, profile)
             times = np.array([0.0 if law is None else law.high for law in laws])

@@ -19,16 +19,17 @@ from armctl.robot import Robot
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sample(ArrayRecord):
-    """Joint state at one time, or at many: (..., n) rad, rad/s, rad/s², rad/s³."""
+class Sample(ByContent):
+    """Joint state at one time, or at many: (..., n) rad, rad/s, rad/s², rad/s³; its arrays are no copies."""
 
     q: FloatArray
     velocity: FloatArray
     acceleration: FloatArray
     jerk: FloatArray
 
-    def __post_init__(self) -> None:
-        """Without copies, as one is made in every tick."""
+    def made_of(self) -> tuple[FloatArray, ...]:
+        """See ``ByContent``."""
+        return self.q, self.velocity, self.acceleration, self.jerk
 
 
 @dataclass(frozen=True, slots=True, eq=False)

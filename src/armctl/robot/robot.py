@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from armctl.arrays import ArrayRecord, FloatArray, content, read_only
+from armctl.arrays import ArrayRecord, FloatArray, content, lock, read_only
 from armctl.errors import InputError, MotionRefusedError
 from armctl.facts import AngleLimit, Reason, Several, UnknownName, WrongUnit, say
 from armctl.kinematics import (
@@ -413,12 +413,12 @@ class Robot(ArrayRecord):
         unknown = "its file gives no servos, so nobody knows which output means which angle"
         return None if self.output_map is not None else self.no_board or unknown
 
-    @property
+    @cached_property
     def first_pose(self) -> FloatArray:
-        """Where the arm stands once it is enabled (n,) [rad]: rest, or where homing ends."""
+        """Where the arm stands once it is enabled (n,) [rad]: rest, or where homing ends; read-only."""
         if self.output_map is not None and self.output_map.homed:
-            return self.output_map.angles(dict.fromkeys(self.output_map.channels, 0.0))
-        return self.pose("rest")
+            return lock(self.output_map.angles(dict.fromkeys(self.output_map.channels, 0.0)))
+        return lock(self.pose("rest"))
 
     def point(self, name: str) -> FloatArray:
         """A named tool point (3,) [m]; ``InputError`` where there is none of that name."""
@@ -438,7 +438,7 @@ class Robot(ArrayRecord):
         if outside := beyond_limits(self.joints, q):
             raise MotionRefusedError(Several((*outside, *[WrongUnit()] * seem_degrees(*q))))
         q = np.clip(q, self.limits[:, 0], self.limits[:, 1])
-        if beyond := self.turns_beyond(q):
+        if self.chain.turn_limits and (beyond := self.turns_beyond(q)):
             raise MotionRefusedError(Several(beyond))
         return q
 
