@@ -11,7 +11,7 @@ import socket
 import ssl
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing
+from contextlib import closing, suppress
 from functools import partial
 from http import HTTPStatus
 from typing import Any
@@ -243,7 +243,8 @@ class GuardedServer(viser.ViserServer):
         if self._stopped:
             return
         self._stopped = True
-        self.get_event_loop().call_soon_threadsafe(self.part_lines.close)
+        with suppress(RuntimeError):  # viser ended it already, as at the end of the program
+            self.get_event_loop().call_soon_threadsafe(self.part_lines.close)
         super().stop()
         self.stop_lines.close()
         if self.refusals:
