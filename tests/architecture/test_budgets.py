@@ -19,7 +19,7 @@ FOLDERS = {
     "calibration": (13, 3_060),  # touched points as a file and over a restart, the tool point
     "cli": (15, 3_200),
     "drawing": (11, 2_120),
-    "facts": (20, 4_290),  # who stopped, why a command, a servo or a touch is refused: as data, in Turkish
+    "facts": (20, 4_335),  # who stopped, why a command, a servo or a touch is refused: as data, in Turkish
     "hardware": (75, 15_640),  # telemetry in one pass; pins of the encoder board, scripts for inputs, buses
     "kinematics": (51, 13_050),  # the workspace as a shell
     "motion": (21, 6_080),  # from one side; a tick samples its path in a third of the time
