@@ -23,10 +23,10 @@ from armctl.errors import InputError
 from armctl.facts import Need, State
 from armctl.facts.commands import NoBoard, Stopped
 from armctl.hardware import BoardIdentity
-from armctl.protocol import AxisHoming, Control, Doing, MoveJoints, Party, Snapshot, Ticket
+from armctl.protocol import AxisHoming, Control, Doing, MoveJoints, Origin, Party, Release, Snapshot, Ticket
 from armctl.robot import load_robot
 from armctl.ui import RobotChoice, console, events
-from armctl.ui.console import Precedence
+from armctl.ui.console import Console, Precedence
 from armctl.ui.guard import GuardedServer
 from armctl.ui.session import Session
 from armctl.ui.tabs.calibration import touch_question
@@ -69,7 +69,12 @@ class Bench:
         )
         controller = SimpleNamespace(snapshot=self.snapshot, ended=False, submit=lambda *_: self.ticket)
         self.console = SimpleNamespace(
-            robot=ROBOT, controller=controller, unsaved=[], savers=[], precedence=Precedence()
+            robot=ROBOT,
+            controller=controller,
+            unsaved=[],
+            savers=[],
+            precedence=Precedence(),
+            last_stop=(None, 0),
         )
         self.console.shared = cache(lambda kind: kind())
 
@@ -282,6 +287,38 @@ def test_what_is_worked_out_in_time_is_not_undone(
     session.on(button.on_click, plan)
     press(session, button)
     assert (after, undone) == (["MADE"], [])
+
+
+def test_what_was_pressed_before_stop_begins_no_motion_after_it(server: GuardedServer) -> None:
+    bench = Bench(server)
+    session, button, sent = bench.session, server.gui.add_button("Go by least energy"), list[object]()
+    controller, stops = bench.console.controller, [Origin("browser page 7")]
+    controller.stop = lambda _: None
+    real = Console(cast(Any, None), controller, list, Path(), lambda: None)
+
+    def work() -> None:
+        for one in stops:
+            real.stop(one)
+        bench.console.last_stop = real.last_stop
+
+    controller.submit = lambda command, _: (sent.append(command), bench.ticket)[1]
+
+    async def go() -> None:
+        await session.work_out(work)
+        await session.submit(Release())  # moves nothing
+        await session.submit(MoveJoints(ROBOT.pose("home")))
+
+    session.on(button.on_click, go)
+    press(session, button)
+    assert [type(one) for one in sent] == [Release]
+    assert "stopped by browser page 7 before it began" in bench.told[-1][1]
+    stops.clear()
+    press(session, button)
+    assert [type(one) for one in sent] == [Release, Release, MoveJoints]
+    controller.snapshot = replace(bench.snapshot, stops=1)  # of a program that drives the arm, too
+    press(session, button)
+    assert [type(one) for one in sent[3:]] == [Release]
+    assert "stopped by somebody before it began" in bench.told[-1][1]
 
 
 def test_an_upload_that_is_cancelled_leaves_nothing(

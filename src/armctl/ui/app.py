@@ -194,7 +194,7 @@ class App:
         self._silent(page_name(client_id))
 
     def _stop(self, who: str) -> None:
-        self._console.controller.stop(Origin(who))
+        self._console.stop(Origin(who))
 
     def _silent(self, who: str) -> None:
         controller = self._console.controller

@@ -189,7 +189,7 @@ class ControlBar:
     # What is done there.
 
     async def _on_stop(self) -> None:
-        self._session.console.controller.stop(self._session.origin)
+        self._session.console.stop(self._session.origin)
 
     async def _on_hold(self) -> None:
         paused = self._session.snapshot.state is State.PAUSED

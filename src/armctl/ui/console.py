@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+from collections import deque
 from collections.abc import AsyncGenerator, Awaitable, Callable, Generator, Sequence
 from contextlib import asynccontextmanager, contextmanager
 from copy import copy
 from dataclasses import field, replace
+from functools import partial
 from pathlib import Path
 from typing import Protocol, Self, TypeVar, cast
 
@@ -20,8 +22,9 @@ from armctl.facts import State
 from armctl.hardware import BoardIdentity, Source
 from armctl.hardware.boards import board_type
 from armctl.lazy_dataclass import dataclass
-from armctl.protocol import ArmLink, Event, Snapshot
+from armctl.protocol import ArmLink, Event, Origin, Snapshot
 from armctl.robot import Robot
+from armctl.ui.events import LastStop
 
 
 def page_name(client_id: int) -> str:
@@ -227,12 +230,23 @@ class Console:
     )
     """each saves what would be lost; gives the file, or None where nothing would be"""
     precedence: Precedence = field(default_factory=Precedence, init=False)
+    _stops: deque[Origin] = field(default_factory=partial(deque[Origin], maxlen=1), init=False)
     _shared: dict[type[Shared], Shared] = field(default_factory=dict[type[Shared], Shared], init=False)
 
     @property
     def robot(self) -> Robot:
         """The arm, as it is calibrated."""
         return self.calibration.robot
+
+    def stop(self, origin: Origin) -> None:
+        """STOP, from any thread. What was pressed before it, and is still worked out, begins no motion."""
+        self._stops.append(origin)
+        self.controller.stop(origin)
+
+    @property
+    def last_stop(self) -> LastStop:
+        """Whose it was, of the pages', which is known at once, and how many there were from anywhere."""
+        return (self._stops[-1] if self._stops else None), self.controller.snapshot.stops
 
     def equipped(self, tool: str) -> Console:
         """The same arm with another tool on, and what its pages share of it."""

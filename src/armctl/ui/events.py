@@ -13,6 +13,9 @@ from typing import Any, Literal, Protocol, TypeVar
 import viser
 
 from armctl.apart import GIVEN_UP
+from armctl.errors import StateError
+from armctl.facts.commands import Stopped
+from armctl.protocol import Origin
 from armctl.ui.viser_seam import id_of_notification
 
 Action = Callable[[], Awaitable[object] | None]
@@ -25,6 +28,10 @@ _MOST_NOTICES = 3
 """at a time: they lie over the scene, and older ones answer older clicks"""
 _LETTERS_A_SECOND = 12
 _MORE = '<a href="{}" target="_blank" rel="noopener" title="opens the documentation">What to do</a>'
+
+
+LastStop = tuple[Origin | None, int]
+"""whose STOP was the newest of the pages', None: there was none; and how many there were from anywhere"""
 
 
 class Newest:
@@ -115,9 +122,16 @@ class AtWork:
     What it has worked out beside the event loop (``work_out``) can be cancelled there.
     """
 
-    def __init__(self, client: viser.ClientHandle, parts: NotificationParts, label: str, key: str) -> None:
-        """``key``: what the button *Cancel* says it is of."""
-        self._client, self._parts, self._label = client, parts, label
+    def __init__(
+        self,
+        client: viser.ClientHandle,
+        parts: NotificationParts,
+        label: str,
+        key: str,
+        last_stop: LastStop = (None, 0),
+    ) -> None:
+        """``key``: what the button *Cancel* says it is of. ``last_stop``: as in ``Console``, when pressed."""
+        self._client, self._parts, self._label, self._last_stop = client, parts, label, last_stop
         self._cancel = f"<button type=button data-do=cancel-work data-key={key}>Cancel</button>"
         self._shown: viser.NotificationHandle | None = None
         self._given_up: asyncio.Future[None] | None = None
@@ -140,6 +154,14 @@ class AtWork:
             self._parts.drop(_part(self._shown))
             self._shown.remove()
             self._shown = None
+
+    def require_unstopped(self, last_stop: LastStop) -> None:
+        """Refuse (``StateError``) a motion where somebody has pressed STOP since this was pressed."""
+        (page, count), (page_before, count_before) = last_stop, self._last_stop
+        if page is not None and page is not page_before:
+            raise StateError(Stopped(page.who, how="unbegun"))
+        if count > count_before:
+            raise StateError(Stopped("somebody", how="unbegun"))
 
     def give_up(self) -> None:
         """Nobody waits for it any more."""

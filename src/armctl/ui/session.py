@@ -17,7 +17,7 @@ import viser
 from armctl.errors import ArmctlError
 from armctl.facts import Need, Reason, say
 from armctl.facts.commands import Stopped
-from armctl.protocol import Command, ControlCommand, Origin, Snapshot, Ticket
+from armctl.protocol import Command, ControlCommand, MovingCommand, Origin, Snapshot, Ticket
 from armctl.robot import CarriedPart, Robot
 from armctl.robot.look.rows import Theme
 from armctl.ui.console import page_name
@@ -32,8 +32,7 @@ from armctl.ui.scene.stage import look_at_arm
 from armctl.ui.widgets.html import LiveHtml
 
 LOG = logging.getLogger("armctl.ui")
-_LINK_AGAIN_S = 0.5
-_LINK_TIMEOUT_S = 3.0
+_LINK_AGAIN_S, _LINK_TIMEOUT_S = 0.5, 3.0
 _AT_WORK: ContextVar[tuple[str, AtWork | None]] = ContextVar("at_work", default=("", None))
 """what was pressed on a page, in whose context this runs"""
 T = TypeVar("T")
@@ -264,10 +263,11 @@ class Session:
     def _shown_at_work(self, label: str) -> Generator[None]:
         """Show that what was pressed is being worked on, as long as it is and the arm does not act on it."""
         if not label:
+            _AT_WORK.set(("", None))
             yield
             return
         key = str(next(self._numbers))
-        at_work = self._at_work[key] = AtWork(self.client, self.parts, label, key)
+        at_work = self._at_work[key] = AtWork(self.client, self.parts, label, key, self.console.last_stop)
         _AT_WORK.set((label, at_work))
         try:
             yield
@@ -284,8 +284,7 @@ class Session:
 
         ``undo`` is given, on a thread, what ``work`` has made after it was cancelled.
         """
-        _, at_work = _AT_WORK.get()
-        if at_work is None:
+        if (at_work := _AT_WORK.get()[1]) is None:
             return await asyncio.to_thread(work, *given)
         return await at_work.work_out(work, *given, undo=undo)
 
@@ -304,10 +303,12 @@ class Session:
         """Submit, wait until accepted; refused where another page operates or the robot is being changed."""
         self.require_operator()
         self.robots.require_settled()
+        label, at_work = _AT_WORK.get()
+        if at_work is not None and isinstance(command, MovingCommand):
+            at_work.require_unstopped(self.console.last_stop)
         with self.console.precedence.going():
             ticket = self.console.controller.submit(command, self.origin)
             await asyncio.wrap_future(ticket.accepted)
-        label, at_work = _AT_WORK.get()
         if at_work is not None:  # from here on the arm itself shows it
             at_work.end()
             self.obeyed.add(label)
