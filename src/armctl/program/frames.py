@@ -68,8 +68,8 @@ class UserFrame(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
 
     def describe(self) -> str:
         """Its numbers in words."""
-        place = ", ".join(map(_short, (self.x_mm, self.y_mm, self.z_mm)))
-        turn = ", ".join(map(_short, (self.rx_deg, self.ry_deg, self.rz_deg)))
+        place = ", ".join(map(number_words, (self.x_mm, self.y_mm, self.z_mm)))
+        turn = ", ".join(map(number_words, (self.rx_deg, self.ry_deg, self.rz_deg)))
         return f"({place}) mm, Rx Ry Rz ({turn})°"
 
 
@@ -245,5 +245,6 @@ def moved_step(step: _MovedStep, points: Sequence[Sequence[str]], T: FloatArray)
     return cast("_MovedStep", msgspec.structs.replace(cast("Any", step), frame=None, **moved))
 
 
-def _short(value: float) -> str:
+def number_words(value: float) -> str:
+    """A number of a step as it is listed: to hundredths, with a true minus."""
     return f"{round(value, 2) + 0.0:g}".replace("-", "−")

@@ -22,7 +22,7 @@ from armctl.motion.plan import follow_tool
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.motion.profiles import ProfileName
 from armctl.program.base_steps import FASTEST, Field, MotionStep, literal
-from armctl.program.frames import moved_step
+from armctl.program.frames import moved_step, number_words
 from armctl.robot import Robot
 
 _POINT_HINT, _VIA_HINT = "X, Y, Z of the tool at the end.", "X, Y, Z of a point on the arc."
@@ -112,7 +112,7 @@ class _Oriented:
     @property
     def _rpy_words(self) -> str:
         angles = self.rpy_deg or ()
-        return f"Rx Ry Rz ({', '.join('?' if angle is None else _short(angle) for angle in angles)})°"
+        return f"Rx Ry Rz ({', '.join('?' if angle is None else number_words(angle) for angle in angles)})°"
 
     @property
     def _rotation(self) -> FloatArray | None:
@@ -160,8 +160,8 @@ class PointStep(_Oriented, MotionStep, frozen=True, kw_only=True, tag="point"):
         return self.profile
 
     def _goal(self) -> str:
-        pitch = "" if self.pitch_deg is None else f", pitch {_short(self.pitch_deg)}°"
-        roll = "" if self.roll_deg is None else f", roll {_short(self.roll_deg)}°"
+        pitch = "" if self.pitch_deg is None else f", pitch {number_words(self.pitch_deg)}°"
+        roll = "" if self.roll_deg is None else f", roll {number_words(self.roll_deg)}°"
         turned = "" if self.rpy_deg is None else f", {self._rpy_words}"
         return f"{place_words(self, END)}{frame_words(self.frame)}{pitch}{roll}{turned}"
 
@@ -247,11 +247,11 @@ class _LeadsTool(_Oriented):
         return None if self.speed_mm_s is None else self.speed_mm_s / 1000
 
     def _goal(self) -> str:
-        end = "" if self.pitch_deg is None else f" to {_short(self.pitch_deg)}°"
+        end = "" if self.pitch_deg is None else f" to {number_words(self.pitch_deg)}°"
         pitch = "" if self.pitch in (None, "kept") else f", pitch {self.pitch}{end}"
         end = "" if self.rpy_deg is None else f" to {self._rpy_words}"
         pitch += "" if self.orientation is None else f", orientation {self.orientation}{end}"
-        speed = "" if self.speed_mm_s is None else f", {_short(self.speed_mm_s)} mm/s"
+        speed = "" if self.speed_mm_s is None else f", {number_words(self.speed_mm_s)} mm/s"
         points = " via ".join(place_words(self, keys) for keys in reversed(self.points))
         return f"{points}{frame_words(self.frame)}{pitch}{speed}"
 
@@ -358,12 +358,8 @@ def metres(step: object, keys: Sequence[str]) -> FloatArray:
     return np.array(_values(step, keys)) / 1000
 
 
-def _short(value: float) -> str:
-    return f"{round(value, 2) + 0.0:g}".replace("-", "−")
-
-
 def _listed(values: Sequence[float]) -> str:
-    return ", ".join(map(_short, values))
+    return ", ".join(map(number_words, values))
 
 
 def place_words(step: object, keys: Sequence[str]) -> str:
