@@ -93,10 +93,10 @@ class Kind:
 FEETECH_GAIN = 14.0 / 2.94 / (4096 / (2 * np.pi))  # N·m/rad at P = 32 of an STS3215 of 2.94 N·m
 DYNAMIXEL_GAIN = 800 / 128 / FACTORY["pwm_limit"]
 KINDS = {
-    "so101": Kind(feetech_leaves, feetech_spoils, 10_000 if LONG else 100, FEETECH_GAIN),
-    "open_manipulator_x": Kind(dynamixel_leaves, dynamixel_spoils, 10_000 if LONG else 50, DYNAMIXEL_GAIN),
+    "so101": Kind(feetech_leaves, feetech_spoils, 10_000 if LONG else 250, FEETECH_GAIN),
+    "open_manipulator_x": Kind(dynamixel_leaves, dynamixel_spoils, 10_000 if LONG else 200, DYNAMIXEL_GAIN),
     # Two motors lift its shoulder.
-    "widowx250s": Kind(dynamixel_leaves, dynamixel_spoils, 2_000 if LONG else 25, DYNAMIXEL_GAIN),
+    "widowx250s": Kind(dynamixel_leaves, dynamixel_spoils, 2_000 if LONG else 50, DYNAMIXEL_GAIN),
 }
 
 
