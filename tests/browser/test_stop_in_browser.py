@@ -12,6 +12,7 @@ from tests.browser.kit import PATIENCE_MS, Screen
 from tests.browser.served_arm import ServedArm
 
 from armctl.facts import State
+from armctl.program import Program, WaitStep
 from armctl.protocol import MoveJoints, SetSpeed, TakeControl
 from armctl.ui.app import SILENCE_S
 
@@ -174,6 +175,23 @@ def test_on_a_phone_stop_is_in_view_wherever_one_scrolls(phone: Screen, served: 
         stops(phone).tap()
         served.wait_for(phone, State.HOLDING)
     assert phone.errors == []
+
+
+def test_on_a_phone_words_leave_the_picture_to_the_arm_and_can_be_read(
+    phone: Screen, served: ServedArm
+) -> None:
+    state, over = phone.page.locator("#armctl-top .state span"), phone.page.locator("#armctl-over p.cause")
+    expect(state).to_have_text("enabling finished")
+    expect(state).to_be_in_viewport(ratio=1)
+    expect(over).to_be_hidden()
+    name = "more letters than there is room for"
+    served.arm.run(Program(robot="uzuner", name=name, steps=(WaitStep(seconds=0.1),)))
+    expect(over).to_have_text(f"Program '{name}' finished.")
+    expect(over).to_be_visible()
+    phone.page.get_by_role("tab", name="Manual", exact=True).tap()
+    limit = phone.page.locator(".mantine-Slider-markLabel").first
+    limit.wait_for()
+    assert limit.evaluate("element => parseFloat(getComputedStyle(element).fontSize)") >= 11
 
 
 def test_a_page_that_hangs_stops_the_arm_within_a_second_and_one_without_its_line_through_viser(

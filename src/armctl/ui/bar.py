@@ -49,6 +49,8 @@ _SUPPORT = "Support the arm: it sinks within a second, then its motors are off."
 _SLOWEST, _FASTEST = 5, 100
 LIGHT, DARK = "Light", "Dark"
 _BLUE = (24, 100, 171)
+_FITS = 28
+"""letters of a cause that a phone has room for below the state"""
 _BAR, _ALERTS, _WHERE = "bar", "alerts", "where"
 
 
@@ -182,7 +184,8 @@ class ControlBar:
         if snapshot.state is State.FAULT and cause:
             lines.insert(0, f"<p class='bad'>⚠ {escape(sentence(cause))}</p>")
         elif cause:  # where the bar has no room for it
-            lines.append(f"<p class='cause'>{escape(sentence(cause))}</p>")
+            fits = " short" if len(cause) <= _FITS else ""
+            lines.append(f"<p class='cause{fits}'>{escape(sentence(cause))}</p>")
         why = self._session.why_not(None, snapshot)
         return message_html(snapshot.message, why) + "".join(lines) + self._enabling.html(snapshot)
 

@@ -37,6 +37,8 @@ _JOINTS_HINT = (
     "Turn each joint to both ends of its range, and press lowest or highest there. Without servo channels "
     "the arm runs on the simulated board."
 )
+_END_HINT = "The angle at which the joint is drawn becomes its lowest or highest one."
+_POSE_HINT = "The pose that is drawn becomes the arm's home pose, or the one in which it rests."
 _GRIPPER_HINT = "Servo channel of the gripper; empty: no gripper."
 _MOTORS: dict[str, MakeName | None] = {
     "not known": None,
@@ -133,7 +135,7 @@ class OwnArm:
             with steps.add_tab("2 Joints"):
                 LiveHtml(gui, muted(_JOINTS_HINT))
                 self._add_joint_fields(gui)
-                self._poses = gui.add_button_group("Take the pose drawn as", ("home", "rest"))
+                self._poses = gui.add_button_group("Keep pose as", ("home", "rest"), hint=_POSE_HINT)
             with steps.add_tab("3 Save"):
                 self._add_save_fields(gui)
             cancel = gui.add_button("Discard", color="gray")
@@ -153,7 +155,7 @@ class OwnArm:
         session = self._session
         self._joint: viser.GuiDropdownHandle[str] = gui.add_dropdown("Joint", _NO_JOINTS)
         self._angle = gui.add_slider("Turn it °", -180.0, 180.0, 0.5, 0.0)
-        self._ends = gui.add_button_group("Limit at this angle", ("lowest", "highest"))
+        self._ends = gui.add_button_group("Limit here", ("lowest", "highest"), hint=_END_HINT)
         with field_grid(gui):
             self._low, self._high = NumberField(gui, "Lowest °", -90.0), NumberField(gui, "Highest °", 90.0)
             self._speed = NumberField(gui, "Speed °/s", 60.0)
@@ -216,7 +218,8 @@ class OwnArm:
         x, y, z = np.round(1000 * robot.forward(self._pose_of(robot))[:3, 3], 1) + 0.0
         self._status.show(
             f"<div><b>{robot.n} joints: {escape(solver.family)}</b><br>{how}</div>"
-            f"<div style='opacity:.75'>The tool is at x {x:z.1f}, y {y:z.1f}, z {z:z.1f} mm.</div>"
+            "<div style='opacity:.75;margin-bottom:6px'>"
+            f"The tool is at x {x:z.1f}, y {y:z.1f}, z {z:z.1f} mm.</div>"
             + ("" if note is None else warned(sentence(f"the tool axis: {note.what}; {note.mend}")))
         )
         shown = self._robot
