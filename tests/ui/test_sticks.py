@@ -234,7 +234,7 @@ HANDS = st.lists(
 
 
 CLEAR = KeepClear(UZUNER)
-_AFTER_S = 0.1
+_AFTER_S = 0.04
 AGAINST_ITSELF = [
     (True, [-1.0, -0.7, -1.0, 0.0, 0.0, 1.0], 5),
     (False, [0.0] * 6, 1),
@@ -291,9 +291,9 @@ class Led:
         self.q, self.v = q, v
 
     def let_go(self) -> None:
-        """It slows down from the next tick on, and rests once its slowest joint can."""
+        """It slows down from the next tick on, and rests as soon as its slowest joint can."""
         longest = float((np.abs(self.v) / UZUNER.acceleration_limits).max())
         self.jogger.lead(Jog(np.zeros(5)), self.now + JOG_EXPIRY_S)
-        for _ in range(int(np.ceil((_AFTER_S + 2 * longest) / TICK))):
+        for _ in range(int(np.ceil((_AFTER_S + longest) / TICK))):
             self.tick()
         assert not self.v.any()
