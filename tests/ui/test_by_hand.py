@@ -62,3 +62,8 @@ def test_it_is_offered_only_where_single_joints_can_be_limp_and_measured(
 ) -> None:
     assert not can_be_led(SimpleNamespace(board=board, source=source))  # type: ignore[arg-type]
     assert can_be_led(SimpleNamespace(board=ABLE, source=Source.MEASURED))  # type: ignore[arg-type]
+
+
+def test_where_points_are_touched_it_says_what_to_do_once_the_arm_has_sunk(page: FakePage) -> None:
+    ByHand(page.session, hint="it sinks: step it back")
+    assert "it sinks: step it back" in page.html

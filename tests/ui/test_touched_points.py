@@ -468,4 +468,5 @@ def test_a_measured_touch_has_what_was_read_and_what_was_sent() -> None:
     assert outputs.angles(one.outputs, measured=True) == pytest.approx(read)
     assert one.sent is not None and outputs.angles(one.sent) == pytest.approx(now.q_command)
     assert standing_touch(ROBOT, replace(measured, state=State.OFF), np.zeros(3), 4, ()).sent is None
+    assert standing_touch(ROBOT, replace(measured, limp=("Elbow",)), np.zeros(3), 4, ()).sent is None
     assert not standing_touch(ROBOT, now, np.zeros(3), None, ()).measured

@@ -71,6 +71,11 @@ _LOAD_HINT = (
     "What the tool carries in all touches, such as a pen or a weight in the gripper. 0: nothing. It bends "
     "the arm. The correction holds for it; 'Save & test' sets another one."
 )
+_LEAD_HINT = (
+    "Joints that you tick go limp. <b>Support the arm</b>, lead the tip onto the point, and take the joints "
+    "back. Let go slowly: the arm sinks by what its servos give way. Step the tip onto the point again, and "
+    "press <b>Here</b>: so the arm hangs as it does at work."
+)
 _HIGHEST_MM = 500.0
 _LIFTS_M = (0.03, 0.02, 0.01, 0.005)
 HEAVIEST_KG = 100.0
@@ -115,7 +120,7 @@ class CalibrationPoints:
         self._lift = gui.add_button("Lift the tip", color="gray", icon=viser.Icon.ARROW_UP)
         session.needs(self._steps.need, self._lift, told=False)
         self._tip = LiveHtml(gui)
-        self._by_hand = ByHand(session, ticked=True)
+        self._by_hand = ByHand(session, ticked=True, hint=_LEAD_HINT)
         with gui.add_folder("Jog the tool", expand_by_default=False):
             ToolJog(session, SLOW_MM_S)
         self._skip = gui.add_button("Propose another one", color="gray", visible=False)

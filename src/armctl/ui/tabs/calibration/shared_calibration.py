@@ -389,7 +389,8 @@ def standing_touch(
     outputs, sent = standing_outputs(robot, snapshot), None
     measured = snapshot.source is Source.MEASURED and not np.isnan(snapshot.q).any()
     if measured:
-        sent = own_map(robot).outputs(snapshot.q_command) if snapshot.state is State.HOLDING else None
+        drives = snapshot.state is State.HOLDING and not snapshot.limp  # a hand carries what is limp
+        sent = own_map(robot).outputs(snapshot.q_command) if drives else None
         outputs = read_outputs(robot, snapshot.q)
     x, y, z = point_m.tolist()
     return TouchedPoint(outputs, (x, y, z), number, sense, measured, sent)

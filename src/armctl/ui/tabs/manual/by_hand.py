@@ -27,13 +27,13 @@ def can_be_led(snapshot: Snapshot) -> bool:
 class ByHand:
     """Ticks for joints, and two buttons: let them go, take them back. Only where the board can."""
 
-    def __init__(self, session: Session, *, ticked: bool = False) -> None:
+    def __init__(self, session: Session, *, ticked: bool = False, hint: str = _HINT) -> None:
         """``ticked``: whether all joints are ticked to begin with."""
         self._session, gui = session, session.gui
         joints = session.console.robot.joints
         self._folder = gui.add_folder("Lead by hand", expand_by_default=False)
         with self._folder:
-            LiveHtml(gui, _HINT)
+            LiveHtml(gui, hint)
             self._ticks = {
                 joint.name: gui.add_checkbox(joint.title, initial_value=ticked) for joint in joints
             }
