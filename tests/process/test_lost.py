@@ -24,7 +24,7 @@ from armctl.process import lines as lines_module
 from armctl.process import link as link_module
 from armctl.process.lines import RemoteLine
 from armctl.process.link import Link
-from armctl.process.records import SILENCE_S, Codec, Record, Seen, Welcome, light
+from armctl.process.records import SILENCE_S, Codec, Record, Seen, Welcome
 from armctl.protocol import Follow, ManualClock, MoveJoints, SetSpeed, Snapshot
 from armctl.robot import Robot, load_robot
 from armctl.robot.record import robot_record
@@ -39,7 +39,7 @@ class ScriptedLine:
         self._said: queue.Queue[Record | None] = queue.Queue()
         self.listening = threading.Event()
         """the client waits for the next record"""
-        for record in (Welcome("0", "program 1", robot_record(robot)), Seen(light(snapshot))):
+        for record in (Welcome("0", "program 1", robot_record(robot)), Seen(replace(snapshot, events=()))):
             self._said.put(record)
 
     def say(self, record: Record | None) -> None:
@@ -116,7 +116,7 @@ def test_an_arm_process_that_says_nothing_is_a_fault_until_it_is_heard_again(
     clock.advance(0.01)
     assert link.snapshot.state is State.FAULT and not link.ended
     assert "it may be frozen, and STOP does not reach the arm; use the switch" in link.snapshot.cause
-    line.say(Seen(light(holding_snapshot)))
+    line.say(Seen(replace(holding_snapshot, events=())))
     assert link.snapshot.state is State.HOLDING
     link.close()
 

@@ -332,6 +332,8 @@ CONTRACT = {
         "`Checkbox`",
         "`Input`",
         "`NumberInput`",
+        "`Slider`",
+        "markLabel",
         "`TextInput`",
         "`ScrollArea`",
         "`Select`",
