@@ -50,6 +50,10 @@ _FIND = """// one script finds and looks: the page may draw an element anew in b
     }
   };
 """
+_PLACE = """
+  const box = found()?.getBoundingClientRect();
+  return [found(), box ? [box.left, box.top, box.width, box.height] : null];
+"""
 _WATCH = f"""
   window.armctlPressed = arguments[0];
   if (!window.armctlClicked) {{ {WATCH_CLICKS} }}
@@ -300,14 +304,17 @@ class OtherScreen:
         path.write_bytes(self._browser.picture())
 
     def _find(self, what: str, label: str) -> Any:
-        found: list[Any] = []
+        """The element, once it stays where it is: what was done before may still make lists longer."""
+        element, place = None, None
 
         def there() -> bool:
-            found[:] = [self._browser.run(f"{_FIND} return found()", what, label)]
-            return found[0] is not None
+            nonlocal element, place
+            before = place
+            element, place = self._browser.run(f"{_FIND} {_PLACE}", what, label)
+            return element is not None and place == before
 
-        self.wait_until(there, f"there is a {what} {label!r}")
-        return found[0]
+        self.wait_until(there, f"there is a {what} {label!r} that stays where it is")
+        return element
 
     def _is_selected(self, what: str, label: str) -> bool:
         script = f'{_FIND} return found()?.getAttribute("aria-selected")'

@@ -70,5 +70,6 @@ def test_steps_are_recorded_duplicated_deleted_and_brought_back(page: OtherScree
     page.wait_for_text("2 steps")
     page.click("Undo")
     page.wait_until(lambda: len(served.steps) == 3, "the step is back")
+    page.wait_for_text("3 steps")
     page.click("Run once")
     page.wait_until(lambda: (0, 2) in served.steps_run, "the last of the three runs")
