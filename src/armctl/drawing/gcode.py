@@ -21,7 +21,8 @@ _COMMENT = re.compile(r"\([^()]*\)|[;%].*|\*[0-9]+\s*$")
 """and the sum at the end of a line by which a machine checks it"""
 _WORD = re.compile(r"\s*([A-Za-z])\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))")
 _MOTIONS = {0.0: 0, 1.0: 1, 2.0: 2, 3.0: 3}
-_PASSED_OVER_G = (4.0, 17.0, 40.0, 49.0, 54.0, 61.0, 64.0, 80.0, 94.0)
+_PASSED_OVER_G = (17.0, 40.0, 49.0, 54.0, 61.0, 64.0, 80.0, 94.0)
+_WAITS_G, _SETS_ORIGIN_G, _GOES_HOME_G = 4.0, 92.0, (28.0, 30.0)
 _PASSED_OVER_M = (0.0, 1.0, 2.0, 6.0, 7.0, 8.0, 9.0, 30.0)
 _ENDS = (2.0, 30.0)
 _LETTERS = "GMXYZIJRFSTNOPK"
@@ -121,12 +122,10 @@ def _words(line: str) -> list[tuple[str, float]]:
 def _obeyed(machine: _Machine, words: list[tuple[str, float]], line: int) -> bool:
     """Do what one line says; whether it ends the program."""
     values: dict[str, float] = {}
-    ends = passed_over = sets_origin = goes_home = False
+    codes = [value for letter, value in words if letter == "G"]
+    ends = False
     for letter, value in words:
         if letter == "G":
-            passed_over |= value == 4.0
-            sets_origin |= value == 92.0
-            goes_home |= value in (28.0, 30.0)
             _set(machine, value)
         elif letter == "M":
             ends |= value in _ENDS
@@ -140,13 +139,13 @@ def _obeyed(machine: _Machine, words: list[tuple[str, float]], line: int) -> boo
             values[letter] = value
     if values.get("S") == 0.0 and machine.by_spindle:
         machine.spindle = False  # a laser, or a pen's servo, that is off
-    if sets_origin:
+    if _SETS_ORIGIN_G in codes:
         _set_origin(machine, values)
-    elif goes_home:
+    elif any(code in _GOES_HOME_G for code in codes):
         machine.lift()
         machine.place = np.zeros(2)
         machine.height = None if machine.height is None else _LIFTED_MM
-    elif not passed_over:
+    elif _WAITS_G not in codes:
         _move(machine, values, line)
     if not machine.down:
         machine.lift()
@@ -160,7 +159,7 @@ def _set(machine: _Machine, value: float) -> None:
         machine.scale = 25.4 if value == 20.0 else 1.0
     elif value in (90.0, 91.0):
         machine.relative = value == 91.0
-    elif value not in (*_PASSED_OVER_G, 28.0, 30.0, 92.0):
+    elif value not in (_WAITS_G, _SETS_ORIGIN_G, *_GOES_HOME_G, *_PASSED_OVER_G):
         known = "G0 to G3, G20, G21, G28, G90, G91 and G92"
         raise DrawingError(f"G{value:g} is not known here; known are {known}")
 
