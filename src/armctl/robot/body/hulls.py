@@ -268,7 +268,7 @@ def nearing(
     v = one.mean(axis=1) - other.mean(axis=1) if between is None else between
     busy, kept = np.arange(k), np.repeat(v[:, None], 3, axis=1)
     for _ in range(_STEPS):
-        size = np.sqrt((v * v).sum(axis=1))
+        size = np.sqrt(np.einsum("ki,ki->k", v, v))
         d = v / np.where(size > 0, size, 1.0)[:, None]
         row = np.arange(len(busy))
         w = one[row, (one @ d[:, :, None])[:, :, 0].argmin(axis=1)]
@@ -296,10 +296,11 @@ def _nearest(w: FloatArray, kept: FloatArray) -> tuple[FloatArray, FloatArray]:
     k = len(w)
     a = kept - w[:, None]
     G, to = a @ a.transpose(0, 2, 1), -(a @ w[:, :, None])[:, :, 0]
-    own, next_own = G[:, (0, 1, 2), (0, 1, 2)], G[:, _NEXT, _NEXT]
-    both, next_to = G[:, (0, 1, 2), _NEXT], to[:, _NEXT]
-    across = a[:, :, _NEXT][:, _NEXT] * a[:, :, _LAST][:, _LAST]
-    across -= a[:, :, _LAST][:, _NEXT] * a[:, :, _NEXT][:, _LAST]  # across[i] is a[i + 1] x a[i + 2]
+    own = np.einsum("kii->ki", G)
+    both, next_own, next_to = G[:, (0, 1, 2), _NEXT], own[:, _NEXT], to[:, _NEXT]
+    after, before = a[:, _NEXT], a[:, _LAST]
+    # across[i] is a[i + 1] x a[i + 2]
+    across = after[:, :, _NEXT] * before[:, :, _LAST] - after[:, :, _LAST] * before[:, :, _NEXT]
     shares = np.zeros((k, 8, 3))  # of the kept corners; the first foot is w
     with np.errstate(divide="ignore", invalid="ignore"):  # corners in one place: no shares, and no better
         shares[:, _EDGES, _FIRST] = to / own
@@ -308,8 +309,10 @@ def _nearest(w: FloatArray, kept: FloatArray) -> tuple[FloatArray, FloatArray]:
         shares[:, _FACES, _NEXT] = (next_to * own - to * both) / square
         shares[:, 7] = -(across @ w[:, :, None])[:, :, 0] / (across[:, 0] * a[:, 0]).sum(axis=1)[:, None]
         feet = w[:, None] + shares @ a
-        size = (feet * feet).sum(axis=2)
-        outside = ~((shares.min(axis=2) >= 0.0) & (shares.sum(axis=2) <= 1.0))
+        size = np.einsum("kfi,kfi->kf", feet, feet)
+        first, second, third = shares[:, :, 0], shares[:, :, 1], shares[:, :, 2]  # numpy is slow along three
+        lowest = np.minimum(np.minimum(first, second), third)
+        outside = ~((lowest >= 0.0) & (first + second + third <= 1.0))
     size[outside] = np.inf
     row, best = np.arange(k), size.argmin(axis=1)
     share = shares[row, best]
