@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import re
 from pathlib import Path
 from typing import Any
@@ -188,3 +189,32 @@ def test_what_is_worked_out_overwrites_no_pose_that_was_written_later(
         assert q is None if forgotten else q is not None and np.array_equal(q, there)
     page.act(lambda: bench.editor.choose(0))
     assert page.next.writer is not None and page.next.writer.words == "step 1"
+
+
+def test_the_newer_of_two_places_is_shown_whichever_is_worked_out_first(server: GuardedServer) -> None:
+    bench, first_is_out = Bench(server), asyncio.Event()
+    page: Any = bench.page
+    out, works = page.work_out, list[object]()
+
+    async def work_out(*given: Any) -> object:
+        works.append(given)
+        found = await out(*given)
+        if len(works) == 1:
+            await first_is_out.wait()
+        return found
+
+    page.work_out = work_out
+    older, newer = TIP + np.array([0.02, 0.01, 0.0]), TIP + np.array([-0.01, 0.03, 0.0])
+
+    async def press_twice() -> None:
+        await page.parts.done("scene-press", "", f"{older[0]} {older[1]} 2 0 0 -1 40 50")
+        first = asyncio.create_task(page.parts.done("menu-above", ""))
+        while not works:
+            await asyncio.sleep(0)
+        await page.parts.done("scene-press", "", f"{newer[0]} {newer[1]} 2 0 0 -1 40 50")
+        await page.parts.done("menu-above", "")
+        first_is_out.set()
+        await first
+
+    page.act(press_twice)
+    assert ROBOT.forward(page.next.q)[:2, 3] == pytest.approx(newer[:2], abs=1e-6)

@@ -33,7 +33,7 @@ from armctl.motion.one_sided import ONE_SIDED, commanded_end
 from armctl.protocol import Command, MoveJoints, Snapshot
 from armctl.robot import Robot
 from armctl.ui.console import Console
-from armctl.ui.events import OneAtATime
+from armctl.ui.events import Newest, OneAtATime
 from armctl.ui.guard.parts import Parts
 from armctl.ui.scene.ghost import SAME_RAD, Ghost, Lines, segments
 from armctl.ui.widgets.html import button, fixed, sentence
@@ -100,7 +100,8 @@ class PoseWriter:
         ``settled`` refuses (``ArmctlError``) while fields are being typed into. ``kept_words``: who it was,
         on a page that is loaded anew; empty: ``words``, which go on being true.
         """
-        self._next, self._begun, self.words, self.movement = session.next, 0, words, movement
+        self._next, self._newest, self._begun = session.next, Newest(), 0
+        self.words, self.movement = words, movement
         self.ended: Callable[[End], None] = ended or (lambda _: None)
         self.settled, self.kept_words = settled, kept_words
         if ended is not None:
@@ -121,9 +122,10 @@ class PoseWriter:
         self._next.set(q, self)
         self.begin()
 
-    def begin(self) -> None:
-        """Something was asked for that has to be worked out: what others write from now on is newer."""
-        self._begun = self._next.writes
+    def begin(self) -> Callable[[], bool]:
+        """Something is to be worked out; gives whether it is the newest still that was asked or written."""
+        self._begun, is_newest = self._next.writes, self._newest.begin()
+        return lambda: is_newest() and not self.overtaken
 
     @property
     def overtaken(self) -> bool:
@@ -223,10 +225,8 @@ class NextPose:
         self.told: list[PoseWriter] = []
         """who wants to hear that somebody else writes"""
         self.writer: PoseWriter | None = None
-        self.number = 0
-        """counts what was written and planned: *Go* names the one that it was pressed for"""
-        self.writes = 0
-        """counts how often somebody wrote it or forgot it"""
+        self.number = self.writes = 0
+        """count what was written and planned, which *Go* names; how often somebody wrote it or forgot it"""
         self._going = False
         self._asked: _ToPlan | None = None
         self._planned: _Planned | None = None

@@ -382,11 +382,11 @@ class CalibrationPoints:
         lifts = ABOVE_M if self._points.sheet is None else FAR_ABOVE_M
         if aim is not None:
             point, ahead, lifts = aim.in_base(own), aim.ahead, lifts_for(aim.height_sd(near, own))
-        self._writer.begin()
+        is_newest = self._writer.begin()
         q, profile = await self._session.work_out(
             pose_above, self._session.held, point, near, start, side, lifts, ahead
         )
-        if not self._writer.overtaken:
+        if is_newest():
             self._profile = profile
             self._writer.show(q)
 

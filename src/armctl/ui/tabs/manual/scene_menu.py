@@ -111,9 +111,9 @@ class SceneMenu:
 
     async def _show(self, point: FloatArray) -> None:
         before = self._session.next.shown_in(self._session.snapshot)
-        self._writer.begin()
+        is_newest = self._writer.begin()
         q = await self._session.work_out(_led_to, self._robot, point, before)
-        if not self._writer.overtaken:
+        if is_newest():
             self._writer.show(q)
 
     async def _on_step(self, kind: type[PointStep | LineStep], _: str) -> None:
