@@ -43,7 +43,17 @@ def test_a_place_gets_another_name_and_home_is_gone_to_with_the_pen_up() -> None
     assert ends("G92 X0 Y0 Z0\nG0 Z5\nG1 X1\nG1 Z0\nX3\nG28\nG1 X4") == [[[1.0, 0.0], [3.0, 0.0]]]
 
 
+def test_home_is_gone_to_by_the_axes_that_are_named_alone() -> None:
+    assert ends("G0 X10 Y20\nG91\nG28 X0\nG1 X5") == [[[0.0, 20.0], [5.0, 20.0]]]
+    lifts = "G0 X10 Y20 Z5\nG1 Z0\nX11\nG91 G28 Z0\nG1 X5\nG90 G1 Z0\nX20"
+    assert ends(lifts) == [[[10.0, 20.0], [11.0, 20.0]], [[16.0, 20.0], [20.0, 20.0]]]
+    for bare in ("G28 X Y", "g28xy", "G28 Y X ; both"):
+        assert ends(f"G0 X9 Y9\n{bare}\nG1 X5") == [[[0.0, 0.0], [5.0, 0.0]]]
+    assert ends("G0 X9 Y9\nG28 X\nG1 X5") == [[[0.0, 9.0], [5.0, 9.0]]]
+
+
 def test_numbers_of_programs_and_lines_and_their_sums_are_passed_over() -> None:
+    assert ends("N3 G0 X1*57 ; a word (or two)\nN4 G1 X2*61 (on)") == [[[1.0, 0.0], [2.0, 0.0]]]
     assert ends("%\nO1000\nN10 G0 X1 *57\nN20 G1 X2*61 \n%") == [[[1.0, 0.0], [2.0, 0.0]]]
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Set
 from dataclasses import field
 
 import numpy as np
@@ -17,9 +18,10 @@ from armctl.drawing.svg_path import arc, flattened
 from armctl.errors import DrawingError
 from armctl.lazy_dataclass import dataclass
 
-_COMMENT = re.compile(r"\([^()]*\)|[;%].*|\*[0-9]+\s*$")
+_COMMENT = re.compile(r"\([^()]*\)|[;%].*|\*[0-9]+\s*(?=$|[;(])")
 """and the sum at the end of a line by which a machine checks it"""
 _WORD = re.compile(r"\s*([A-Za-z])\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))")
+_HOMES, _BARE_AXIS = re.compile(r"[Gg]\s*(28|30)(?![0-9.])"), re.compile(r"([XYZxyz])\s*(?=[A-Za-z]|$)")
 _MOTIONS = {0.0: 0, 1.0: 1, 2.0: 2, 3.0: 3}
 _PASSED_OVER_G = (17.0, 40.0, 49.0, 54.0, 61.0, 64.0, 80.0, 94.0)
 _WAITS_G, _SETS_ORIGIN_G, _GOES_HOME_G = 4.0, 92.0, (28.0, 30.0)
@@ -105,6 +107,8 @@ def read_gcode(text: str) -> PenDrawing:
 
 def _words(line: str) -> list[tuple[str, float]]:
     words: list[tuple[str, float]] = []
+    if _HOMES.search(line):
+        line = _BARE_AXIS.sub(r"\g<1>0 ", line)
     at = 1 if line.startswith("/") else 0
     while match := _WORD.match(line, at):
         letter = match[1].upper()
@@ -142,9 +146,7 @@ def _obeyed(machine: _Machine, words: list[tuple[str, float]], line: int) -> boo
     if _SETS_ORIGIN_G in codes:
         _set_origin(machine, values)
     elif any(code in _GOES_HOME_G for code in codes):
-        machine.lift()
-        machine.place = np.zeros(2)
-        machine.height = None if machine.height is None else _LIFTED_MM
+        _go_home(machine, values.keys() & {"X", "Y", "Z"} or {"X", "Y", "Z"})
     elif _WAITS_G not in codes:
         _move(machine, values, line)
     if not machine.down:
@@ -171,6 +173,17 @@ def _set_origin(machine: _Machine, values: dict[str, float]) -> None:
             machine.origin[axis] = machine.place[axis] - values[letter] * machine.scale
     if "Z" in values:
         machine.height = values["Z"] * machine.scale
+
+
+def _go_home(machine: _Machine, axes: Set[str]) -> None:
+    """G28: to where these ``axes`` of the machine itself are 0, whatever the file calls that place.
+
+    Nothing is drawn on the way. Where Z is one of them, the pen is up then.
+    """
+    machine.lift()
+    machine.place = np.where([axis in axes for axis in "XY"], 0.0, machine.place)
+    if "Z" in axes and machine.height is not None:
+        machine.height = _LIFTED_MM
 
 
 def _move(machine: _Machine, values: dict[str, float], line: int) -> None:
