@@ -176,6 +176,17 @@ def test_each_view_looks_from_its_side_and_the_named_frames_follow_the_arm(serve
     assert "/marks/joint0" not in nodes and "/marks/tool" in nodes
 
 
+def test_an_arm_beside_one_that_is_much_larger_is_seen_alone() -> None:
+    camera = SimpleNamespace(image_width=800, image_height=800, fov=FOV)
+    client = cast(Any, SimpleNamespace(camera=camera))
+    small = ROBOTS["uzuner"]
+    look_at_arm(client, scaled(small, 0.8), beside=(small, 1.0))
+    both = np.linalg.norm(camera.position - camera.look_at)
+    look_at_arm(client, scaled(small, 3.0), beside=(small, 1.0))
+    assert np.linalg.norm(camera.position - camera.look_at) < 0.8 * both
+    assert camera.look_at[1] == pytest.approx(1.0, abs=0.2)
+
+
 def test_a_single_point_is_looked_at_from_where_it_is() -> None:
     for place in framed(np.ones((1, 3)), AWAY, FOV, 1.0, 0.8):
         assert place == pytest.approx(np.ones(3))

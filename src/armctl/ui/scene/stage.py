@@ -40,6 +40,8 @@ _FILLED = 0.95
 """of the picture, by the arm and how far it reaches"""
 _SHEET = 0.6
 """of the picture of a phone, covered by the panels"""
+_SMALL = 0.6
+"""of an arm's reach, that of another one beside it"""
 _LEAST_ASPECT = 0.5
 """where the panels leave the scene a narrower strip, the arm may go beyond it"""
 
@@ -179,7 +181,8 @@ def look_at_arm(
 ) -> None:
     """See the arm by one of ``VIEWS``; ``picture``: width and height that will be free; None: as they are.
 
-    ``beside``: another arm that is seen, too, and how far along y it stands [m]. ``shown``: configurations
+    ``beside``: another arm that is seen, too, and how far along y it stands [m]; one that is much smaller is
+    seen alone, or nothing could be made out of it. ``shown``: configurations
     (n,) [rad] of the arm, or of ghosts, that are not to be outside of the picture.
     ``sheet``: the panels lie over the lower part of the picture, so the arm is seen in the upper one.
     """
@@ -192,7 +195,9 @@ def look_at_arm(
     points = in_view(robot, shown)
     if beside is not None:
         other, aside = beside
-        points = np.vstack([points, in_view(other) + np.array([0.0, aside, 0.0])])
+        others = in_view(other) + np.array([0.0, aside, 0.0])
+        small = other.chain.length < _SMALL * robot.chain.length
+        points = others if small else np.vstack([points, others])
     position, middle = first_view(robot, points, fov, aspect, view)
     away = position - middle
     right = np.cross([0.0, 0.0, 1.0], away)
@@ -205,10 +210,15 @@ def first_view(
     robot: Robot, points: FloatArray, fov: float, aspect: float, view: str = "Reset"
 ) -> tuple[FloatArray, FloatArray]:
     """Where the camera stands by one of ``VIEWS``, and what it looks at (3,) [m]; as ``framed``."""
+    return framed(points, towards_camera(robot, view), fov, aspect, _FILLED)
+
+
+def towards_camera(robot: Robot, view: str = "Reset") -> FloatArray:
+    """The direction (3,) from the arm to the camera in one of ``VIEWS``; of no length in particular."""
     ahead = front(robot)
     side = np.array([ahead[1], -ahead[0]])
     forward, beside, above = VIEWS[view]
-    return framed(points, np.array([*(forward * ahead + beside * side), above]), fov, aspect, _FILLED)
+    return np.array([*(forward * ahead + beside * side), above])
 
 
 def in_view(robot: Robot, shown: Sequence[FloatArray] = ()) -> FloatArray:

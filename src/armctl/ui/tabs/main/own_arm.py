@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import re
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -24,6 +25,7 @@ from armctl.robot.parts import Hand
 from armctl.ui.own_copy import taken_along
 from armctl.ui.robot_switch import RobotChoice
 from armctl.ui.scene.arm_model import HALF_OPEN, ArmFigure
+from armctl.ui.scene.stage import towards_camera
 from armctl.ui.session import Session
 from armctl.ui.tabs.main.arm_lengths import ROWS_HINT, LengthLabels, rows_of
 from armctl.ui.widgets.html import LiveHtml, folded, muted, refused, sentence, warned
@@ -250,11 +252,13 @@ class OwnArm:
     def _draw(self, robot: Robot) -> None:
         self._erase()
         self._figure = ArmFigure(self._session.client.scene, robot, _ROOT, theme=self._session.theme)
-        aside = _ASIDE * max(robot.chain.length, self._session.console.robot.chain.length)
-        self._figure.root.position = (0.0, -aside, 0.0)  # towards the camera
+        present = self._session.console.robot
+        aside = _ASIDE * max(robot.chain.length, present.chain.length)
+        along_y = math.copysign(aside, towards_camera(present)[1])
+        self._figure.root.position = (0.0, along_y, 0.0)
         if abs(aside - self._looked_aside) > _LOOK_AGAIN * aside:
             self._looked_aside = aside
-            self._session.look(beside=(robot, -aside))
+            self._session.look(beside=(robot, along_y))
         if self._kind.value not in _BEGINNINGS:  # else its lengths say so
             self._figure.say("new arm")
 
