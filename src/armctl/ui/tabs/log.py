@@ -15,7 +15,7 @@ from armctl.ui.widgets.html import ERROR, WARNING, LiveHtml, muted, time_of_day
 _MOST_LINES = 60
 _ALL, _WARNINGS = "everything", "warnings and errors"
 _COLOR = {"warning": WARNING, "error": ERROR}
-_REPORT_HINT = (
+_REPORT_NOTE = (
     "The report holds versions, robot file, log, and the last minute of the arm: send it with a question."
 )
 
@@ -28,9 +28,9 @@ class LogScreen:
         self._drawn: tuple[object, ...] = ()
         gui = session.gui
         self._which = gui.add_dropdown("Show", (_ALL, _WARNINGS), initial_value=_ALL)
-        self._lines = LiveHtml(gui)
         save = gui.add_button("Download report", icon=viser.Icon.DOWNLOAD, color="gray")
-        LiveHtml(gui, muted(_REPORT_HINT))
+        LiveHtml(gui, muted(_REPORT_NOTE))
+        self._lines = LiveHtml(gui)
         session.on(save.on_click, self._on_report)
 
     def refresh(self, snapshot: Snapshot) -> None:
@@ -61,5 +61,9 @@ class LogScreen:
 
 def _line(event: Event) -> str:
     color = _COLOR.get(event.level, "inherit")
-    when = f"<span style='opacity:.75'>{time_of_day(event.stamp)}</span>"
-    return f"<div style='color:{color}'>{when} {escape(event.text)}</div>"
+    when = f"<span style='opacity:.75;font-variant-numeric:tabular-nums'>{time_of_day(event.stamp)}</span>"
+    return (
+        "<div style='display:grid;grid-template-columns:auto 1fr;gap:0 8px;padding:2px 0;"
+        f"border-bottom:1px solid var(--armctl-line);color:{color}'>"
+        f"{when} <span>{escape(event.text)}</span></div>"
+    )
