@@ -147,8 +147,7 @@ def test_what_is_not_solved_or_not_listed_moves_nothing_and_what_is_solved_is_by
         page.wait_for_notification(re.compile("Y mm"))
     page.type_into("Y mm", "-196")
     page.type_into("X mm", "200")
-    page.wait_for_text("The fields have changed since: press Solve.")
-    page.wait_for_text("This button solves the changed fields first, then goes at once.")
+    page.wait_for_text("The fields have changed: this button solves them first.")
     page.wait_for_text("The fields have changed since the list was made; press Solve first.")
     page.wait_until(lambda: not page.is_enabled(SELECTED), "the button is off")
     assert served.commanded_deg == HOME

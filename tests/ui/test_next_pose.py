@@ -132,7 +132,7 @@ def test_it_outlives_a_stop_and_is_planned_anew_where_the_arm_is_moved_otherwise
     page.go()
     page.snapshot.state, page.snapshot.busy = State.MOVING, True
     page.next.refresh(page.session.snapshot)
-    assert "the arm is on its way" in line(page) and go_is_off(page)
+    assert "on its way" in line(page) and go_is_off(page)
     page.snapshot.q_command = 0.5 * (HOME + THERE)  # stopped half way
     page.snapshot.state, page.snapshot.busy = State.HOLDING, False
     page.act(lambda: page.next.refresh(page.session.snapshot))

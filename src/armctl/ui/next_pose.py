@@ -410,9 +410,8 @@ class NextPose:
         place += self._kept(self.q, self.writer.kept_words or self.writer.words)
         who = f"{escape(self.writer.words)}{seconds} · "
         if self._going:
-            left = "" if snapshot.progress is None else f" · {round(100 * snapshot.progress)} % of the way"
-            said = f"the arm is on its way{left}"
-            return _line(place, who + said, record + _go(said), " on")
+            come = "" if snapshot.progress is None else f" · {round(100 * snapshot.progress)} %"
+            return _line(place, f"{who}on its way{come}", record + _go("the arm is on its way"), " on")
         if planned is not None and planned.refused:
             why = sentence(planned.refused)
             told = f"<em class='bad' title='{escape(why)}'>{escape(why)}</em>"

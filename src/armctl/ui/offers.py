@@ -11,6 +11,9 @@ from armctl.lazy_dataclass import dataclass
 from armctl.protocol import Snapshot
 from armctl.ui.widgets.html import LiveHtml, muted, sentence
 
+NO_REASON = muted("\u00a0")
+"""an empty line"""
+
 
 class Disableable(Protocol):
     """A button, a field, or a command of the palette."""
@@ -53,6 +56,11 @@ class Offer:
     _told: str | Reason | None = None
     """why they cannot be used, as it is shown: its words take six times as long as to compare it"""
 
+    @property
+    def keeps_line(self) -> bool:
+        """Whether the line of the reason stays, empty: the arm's moves and edits shift nothing below it."""
+        return self.arm is not None or self.also is not None
+
     def draw(self, snapshot: Snapshot, why_not: Callable[[Need | None], str | None], *, told: bool) -> None:
         """Enable or disable them; ``why_not``: what needs this of the arm. ``told``: and show the reason."""
         arm = self.arm() if callable(self.arm) else self.arm
@@ -65,7 +73,8 @@ class Offer:
             for control in self.controls:
                 control.disabled = off
         if self.reason is not None:
-            self.reason.visible = off and told
-            if why != self._told:
-                self._told = why
-                self.reason.show(muted(sentence(why)) if why else "")
+            shown = why if told else None
+            self.reason.visible = shown is not None or self.keeps_line
+            if shown != self._told:
+                self._told = shown
+                self.reason.show(muted(sentence(shown)) if shown else NO_REASON)

@@ -25,7 +25,7 @@ from armctl.ui.docs import page_of_error
 from armctl.ui.events import Action, AtWork, Color, GivenUpError, Notifications
 from armctl.ui.guard.parts import Parts
 from armctl.ui.next_pose import NextPose
-from armctl.ui.offers import Disableable, Offer
+from armctl.ui.offers import NO_REASON, Disableable, Offer
 from armctl.ui.robot_switch import RobotSwitch
 from armctl.ui.scene.ghost import Ghost
 from armctl.ui.scene.stage import look_at_arm
@@ -190,8 +190,7 @@ class Session:
         ``told``: whether the reason is shown; not where the same one stands beside it already. ``anyone``: a
         page that watches may use them, too, whatever the arm does.
         """
-        reason = LiveHtml(self.gui, visible=False) if told else None
-        offer = Offer(controls, arm, also, reason, anyone)
+        offer = Offer(controls, arm, also, LiveHtml(self.gui, NO_REASON) if told else None, anyone)
         self._offers.append(offer)
         self._draw_offers((offer,), self.snapshot)
 

@@ -144,7 +144,7 @@ def date_and_time(stamp: str) -> str:
     return datetime.fromisoformat(stamp).astimezone().strftime("%Y-%m-%d %H:%M")
 
 
-_STYLE = "padding:2px 12px;font-size:12.5px;line-height:1.5;overflow-x:auto;overflow-wrap:anywhere"
+_STYLE = "padding:2px 9px;font-size:12.5px;line-height:1.5;overflow-x:auto;overflow-wrap:anywhere"
 _CELL = "padding:0 4px;text-align:right;font-variant-numeric:tabular-nums;white-space:nowrap"
 _HEAD = ";white-space:normal;overflow-wrap:normal;vertical-align:bottom"
 """Long heads, such as a joint's name, go over several lines, never broken within a word."""

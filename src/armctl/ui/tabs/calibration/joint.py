@@ -33,7 +33,7 @@ from armctl.ui.tabs.calibration.shared_calibration import (
 from armctl.ui.tabs.manual.jog import HeldJog, joint_jog
 from armctl.ui.tabs.manual.joints import JointStepper, checked_percent, slow_duration, slow_speeds
 from armctl.ui.widgets.html import LiveHtml, fixed, muted, refused, sentence, table
-from armctl.ui.widgets.number_field import EditWatch, NumberField
+from armctl.ui.widgets.number_field import EditWatch, NumberField, button_pairs
 
 STEPS = {"−10": -10.0, "−1": -1.0, "−0.1": -0.1, "+0.1": 0.1, "+1": 1.0, "+10": 10.0}
 _STEP_HINT = "Turns the joint at once, at no more than 10°/s. Degrees by the calibration in force."
@@ -79,10 +79,12 @@ class CalibrationJoint:
         self._steps = gui.add_button_group("Step °", tuple(STEPS), hint=_STEP_HINT)
         session.needs(self._stepper.need, self._steps, told=False)  # Jog below tells the same
         jog = HeldJog(session)
-        for label, sign in (("Jog −", -1.0), ("Jog +", 1.0)):
-            button = gui.add_button(label)
-            jog.attach(button, partial(self._jog, sign))
-            session.needs(Need.JOG, button, told=sign > 0)
+        with button_pairs(gui):
+            for label, sign in (("Jog −", -1.0), ("Jog +", 1.0)):
+                button = gui.add_button(label)
+                jog.attach(button, partial(self._jog, sign))
+                session.needs(Need.JOG, button, told=False)
+        session.needs(Need.JOG)
         LiveHtml(gui, muted("Jog turns the joint slowly for as long as the button is held."))
         self._now = LiveHtml(gui)
         self._angle = NumberField(gui, "Angle read °", None, hint=_ANGLE_HINT)
@@ -254,10 +256,11 @@ class CalibrationGripper:
         move = gui.add_button("Move gripper")
         self._now = LiveHtml(gui)
         jaws: tuple[Jaw, ...] = ("closed", "open")
-        for jaw in jaws:
-            button = gui.add_button(f"{jaw.capitalize()} here", color="gray")
-            known = refused_by(partial(standing_gripper, session.console.robot))
-            on_edit(session, button, partial(self._set_jaw, jaw), known)
+        known = refused_by(partial(standing_gripper, session.console.robot))
+        with button_pairs(gui):
+            for jaw in jaws:
+                button = gui.add_button(f"{jaw.capitalize()} here", color="gray")
+                on_edit(session, button, partial(self._set_jaw, jaw), known)
         self._jaws = LiveHtml(gui)
         session.needs(Need.GRIPPER, move)
         session.on(move.on_click, self._on_move)

@@ -32,12 +32,10 @@ from armctl.ui.widgets.html import LiveHtml, Pager, muted, refused, warned
 from armctl.ui.widgets.number_field import field_grid
 from armctl.ui.widgets.profile_choice import MOVEMENTS, ProfileChoice
 
-_NOTE = (
-    "Type where the tool should be and press <b>Solve</b>. Nothing moves until a Go button is pressed. "
-    "Until you edit the fields, they follow the arm."
-)
-_SOLVES_FIRST = "This button solves the changed fields first, then goes at once."
-_SOLVES_ANEW = "This button solves anew from where the arm stands, then goes at once."
+_NOTE = "Nothing moves until a Go button is pressed."
+_CHANGED = "The fields have changed: this button solves them first."
+_MOVED_SINCE = "The arm has moved since: this button solves anew first."
+_JUDGED_BEFORE = "The arm has moved since: press Solve to judge the ways anew."
 _WAYS = "ways"
 _BY_ROW: str = "by its row number"
 _FEW_HINT = "The least by each criterion and of each branch. All solutions follow below."
@@ -61,16 +59,16 @@ class InverseScreen:
         self._newest, self._one_at_a_time = Newest(), asyncio.Lock()
         self._judging = OneAtATime(self._judge_selected)
         gui = session.gui
-        self._note = LiveHtml(gui, _NOTE)
+        LiveHtml(gui, _NOTE)
         with field_grid(gui) as entered:  # Enter in a field is Solve
             self._form = TargetForm(session, OneAtATime(self._solve_dragged).run)
         fill = gui.add_button_group("Fill with", ("present position",))
         solve_fields = gui.add_button("Solve", icon=viser.Icon.TARGET)
         self._result = LiveHtml(gui)
-        self._stale = LiveHtml(gui, visible=False)
         self._nearest = gui.add_button("Take nearest point", color="orange", visible=False)
         session.parts.add(gui, _WAYS)
-        self._solves_first = LiveHtml(gui, warned(_SOLVES_FIRST), visible=False)
+        self._stale = LiveHtml(gui)
+        """its line stays where there is nothing to say: the buttons do not move"""
         go_least = gui.add_button("Go by least energy", icon=viser.Icon.PLAYER_PLAY)
         self._selected = LiveHtml(gui, visible=False)
         go_selected = gui.add_button("Go by the selected one", icon=viser.Icon.PLAYER_PLAY, color="gray")
@@ -109,12 +107,7 @@ class InverseScreen:
         if snapshot.state is not State.MOVING:  # a field that changes all the time cannot be typed into
             self._form.following.follow(self._session.next.shown(snapshot.q_command))
         self._branches.refresh()
-        out_of_date = self._out_of_date(snapshot)
-        stale = out_of_date or self._judged_before(snapshot)
-        self._stale.visible = bool(stale)
-        self._stale.show(warned(stale))
-        self._solves_first.visible = bool(out_of_date)
-        self._solves_first.show(warned(_SOLVES_FIRST if self._fields_changed else _SOLVES_ANEW))
+        self._stale.show(warned(self._out_of_date(snapshot) or self._judged_before(snapshot) or "\u00a0"))
         if self._fields_changed is not self._ghost_is_old:
             self._ghost_is_old = self._fields_changed
             if self._ghost_is_old:
@@ -147,11 +140,9 @@ class InverseScreen:
         if found is None:
             return ""
         if self._fields_changed:
-            return "The fields have changed since: press Solve."
+            return _CHANGED
         moved = float(np.abs(found.start - snapshot.q_command).max()) > _MOVED
-        if moved and self._criterion.value in FROM_START:
-            return f"The arm has moved since, and {self._criterion.value} depends on it: press Solve."
-        return ""
+        return _MOVED_SINCE if moved and self._criterion.value in FROM_START else ""
 
     def _judged_before(self, snapshot: Snapshot) -> str:
         """That what is refused is told of ways from another pose; empty: it is not."""
@@ -160,7 +151,7 @@ class InverseScreen:
             return ""
         if np.abs(found.start - snapshot.q_command).max() <= _MOVED:
             return ""
-        return "The arm has moved since. What is refused here was judged from where it stood. Press Solve."
+        return _JUDGED_BEFORE
 
     async def _on_solve(self) -> None:
         self._form.watch.show_held()  # nothing moves, so a lost digit only has to be seen
@@ -304,7 +295,7 @@ class InverseScreen:
     def _forget(self, refusal: ArmctlError) -> None:
         """What the fields hold cannot be solved: no answer of others stays beside them."""
         self._answered = ()
-        self._note.visible = self._nearest.visible = self._mark.visible = False
+        self._nearest.visible = self._mark.visible = False
         self._compared.visible = self._few.visible = self._selected.visible = False
         self._result.show(refused(f"{refusal}."))
         self._pager.reset(0, None)
@@ -319,7 +310,6 @@ class InverseScreen:
         solutions = found.solutions
         self._answer, self._ghost_is_old = found, False
         self._number += 1
-        self._note.visible = self._stale.visible = False
         self._result.show(result_html(self._robot, found))
         self._nearest.visible = solutions.nearest_away_m > 0.0
         self._pager.reset(len(solutions), (found.instead or 1) if solutions.success else None)

@@ -136,6 +136,11 @@ def _part_text(edges_mm: Sequence[float] | None) -> str:
     return _EMPTY if edges_mm is None else " × ".join(map(format_number, edges_mm))
 
 
+def _percent_of(snapshot: Snapshot, unknown: int) -> int:
+    """Where the gripper was sent last [%], or ``unknown``."""
+    return unknown if snapshot.gripper is None else round(100 * snapshot.gripper)
+
+
 class JogControl:
     """The arm moves while a jog button or key is held, and stops when it is let go or the page is lost."""
 
@@ -155,7 +160,9 @@ class JogControl:
         self._opening: LiveHtml | None = None
         if (gripper := session.console.robot.gripper) is not None:
             with gui.add_folder(gripper.title):
-                self._percent = gui.add_slider("Gripper %", min=0, max=100, step=1, initial_value=50)
+                self._followed = _percent_of(session.snapshot, 50)
+                """what the slider shows while nobody edits it"""
+                self._percent = gui.add_slider("Gripper %", 0, 100, 1, initial_value=self._followed)
                 self._part = gui.add_text("Part mm", _part_text(session.snapshot.part_mm), hint=_PART_HINT)
                 self._watch = EditWatch([TextEntry(self._part)])
                 move = gui.add_button("Set gripper")
@@ -169,6 +176,11 @@ class JogControl:
         self._sticks.refresh(snapshot)
         self._tool.refresh()
         if self._opening is not None:
+            now = _percent_of(snapshot, self._followed)
+            if now != self._followed:
+                if self._percent.value == self._followed:
+                    self._percent.value = now
+                self._followed = now
             text = "It has not been told to move yet."
             if snapshot.gripper is not None:
                 text = f"Commanded: <b>{100 * snapshot.gripper:.0f} %</b>."

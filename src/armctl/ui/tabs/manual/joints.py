@@ -155,7 +155,8 @@ def rounding_note(robot: Robot, q: FloatArray) -> str:
 
 _ROUNDING = 1e-9
 _STEPS = ("0.1", "1", "5", "10")
-_FOLLOWING = "The sliders show the arm. Move one to say where it goes next, then press <b>Go</b>."
+_FOLLOWING = "The sliders show the arm. Move one, then press <b>Go</b>."
+"""as long as the line that takes its place: a slider that is dragged stays under the pointer"""
 _EDITED = "<b style='color:var(--armctl-ghost)'>The sliders show the next pose</b>, as the ghost does."
 
 

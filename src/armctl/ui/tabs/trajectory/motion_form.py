@@ -139,8 +139,6 @@ class MotionForm:
             self._profile.choice, self._turning, self._start, *(field.handle for field in typed),
         )  # fmt: skip
         self.watch = EditWatch(typed)
-        self._is_brief = False
-        """what was read before is left out, so that a laptop shows the plot"""
         session.on(self._motion.on_update, self._on_motion)
         session.on(self._passing.on_update, self._show_fields)
         session.on(self._turn.on_update, self._show_fields)
@@ -211,8 +209,8 @@ class MotionForm:
         """Say what a duration of 0 means for as long as it is 0."""
         duration = self._for if self.is_study else self._profile.duration
         is_zero = duration.visible and duration.text.strip() in ("", "0")
-        self._zero.visible = is_zero and not self._is_brief
-        self._zero.show(muted(_TO_THE_LIMITS if self.is_study else _SHORTEST))
+        said = _TO_THE_LIMITS if self.is_study else _SHORTEST
+        self._zero.show(muted(said if is_zero else "\u00a0"))  # its line stays: no button moves
 
     def _end_asked(self, present: FloatArray) -> FloatArray | Target | None:
         if self._to.choice.visible:
@@ -226,10 +224,6 @@ class MotionForm:
     @property
     def _asked_turn(self) -> TurnAsked:
         return self._turns[self._turn.value]
-
-    def be_brief(self) -> None:
-        """A motion is drawn: leave out the notes until another kind of motion is chosen."""
-        self._is_brief, self._about.visible = True, False
 
     def freer_words(self, pitch: Literal["kept", "free"]) -> str:
         """What is asked of the tool by ``ask_freer``."""
@@ -253,7 +247,6 @@ class MotionForm:
 
     async def _on_motion(self) -> None:
         motion, robot = self._motion.value, self._session.console.robot
-        self._is_brief, self._about.visible = False, True
         if motion in TEST_PATHS and robot.name == _PAPER_ARM:
             self._choose.value = _PAPER_CRITERION
         if motion in TOOL_PATHS:

@@ -46,7 +46,6 @@ from armctl.ui.widgets.html import (
     warned,
 )
 
-_NOTE = "Choose a motion and press <b>Show</b> to see it over time; <b>Run</b> executes what is shown."
 _MOVED = 1e-6
 
 
@@ -65,7 +64,6 @@ class TrajectoryScreen:
         self._planning = 0
         self._judged = False
         gui = session.gui
-        self._note = LiveHtml(gui, _NOTE)
         with gui.add_form(None) as entered:  # Enter in a field is Show
             self._form = MotionForm(session)
         show = gui.add_button("Show", icon=viser.Icon.CHART_LINE)
@@ -156,8 +154,6 @@ class TrajectoryScreen:
         if is_newest():
             self._settings[False], self._from_present = settings, from_present
             self._planned, self._judged = planned, True
-            self._note.visible = False
-            self._form.be_brief()
             note = muted(planned.note) if planned.note else ""
             self._verdict.show(note + verdict_html(planned.findings, not_checked(self._robot)))
             self._graphs.take(planned)
