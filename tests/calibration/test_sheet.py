@@ -13,7 +13,7 @@ import pytest
 from click.testing import CliRunner
 
 from armctl.arrays import FloatArray
-from armctl.calibration import PAPERS_MM, Paper, Touches, TouchSheet, fit_touches, touch_sheet
+from armctl.calibration import PAPERS_MM, Paper, Touches, TouchSheet, fit_touches, reachable_at, touch_sheet
 from armctl.cli.sheet import sheet as command
 from armctl.errors import CalibrationError
 from armctl.robot import load_robot
@@ -126,3 +126,14 @@ def test_the_command_writes_the_sheet_and_prints_its_places(tmp_path: Path) -> N
     assert out.read_text(encoding="utf-8").startswith("<svg")
     refused = CliRunner().invoke(command, ["uzuner", "--out", str(tmp_path / "sheet.png")])
     assert isinstance(refused.exception, CalibrationError) and ".svg or .pdf" in str(refused.exception)
+
+
+@pytest.mark.parametrize("name", ["so101", "uzuner", "koch"])
+def test_an_arm_whose_zeros_are_off_touches_no_part_of_itself_where_it_is_sent_to_touch(name: str) -> None:
+    robot, chance = load_robot(name), np.random.default_rng(7)
+    paper = touch_sheet(robot, "a4")
+    touches = reachable_at(robot, paper.points_m, paper.laid_m, "sheet")
+    assert len(np.unique(touches.points_m, axis=0)) >= min(10, len(paper.points_m))
+    for _ in range(8):
+        off = np.radians(chance.uniform(-2.0, 2.0, touches.q.shape))
+        assert robot.collision.gaps(robot.body_frames(touches.q + off)).min() > 0.0
