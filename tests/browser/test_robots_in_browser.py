@@ -218,7 +218,7 @@ def test_a_moving_arm_is_not_left_an_unsaved_program_asks_and_nothing_of_the_arm
     page.click("Loop")
     served.wait_for(page, State.MOVING)
     page.open_tab("Main")
-    page.wait_for_text("The arm moves; press STOP, then choose another robot.")
+    page.wait_for_text("The arm moves; wait until it stands, or press STOP, then choose another robot.")
     expect(page.entry("Robot")).to_be_disabled()
     page.screenshot("robot-refused")
     page.click("STOP")

@@ -183,8 +183,12 @@ def test_pages_that_cannot_be_built_leave_no_arm_open(rig: Rig) -> None:
 @pytest.mark.parametrize(
     ("state", "board", "said"),
     [
-        (State.MOVING, SIMULATED, r"the arm moves; press STOP, then choose"),
-        (State.PAUSED, SIMULATED, r"in the middle of a motion; press STOP, then choose"),
+        (State.MOVING, SIMULATED, r"the arm moves; wait until it stands, or press STOP, then choose"),
+        (
+            State.PAUSED,
+            SIMULATED,
+            r"in the middle of a motion; wait until it stands, or press STOP, then choose",
+        ),
         (State.HOLDING, REAL, r"servos on /dev/ttyACM0 are on; press Release \(the arm drops\), then"),
         (State.FAULT, REAL, r"servos on /dev/ttyACM0 are on; press Release"),
     ],
@@ -434,7 +438,9 @@ def test_a_board_that_does_not_answer_is_told_and_the_new_arm_stays(rig: Rig) ->
 
 def test_an_arm_in_motion_is_not_opened_anew(rig: Rig) -> None:
     rig.arm(state=State.MOVING)
-    with pytest.raises(StateError, match="in the middle of a motion; press STOP, then try again"):
+    with pytest.raises(
+        StateError, match="in the middle of a motion; wait until it stands, or press STOP, then try again"
+    ):
         reopen(rig)
     assert rig.is_untouched()
 

@@ -355,7 +355,7 @@ def not_replaceable(snapshot: Snapshot, *, reopen: bool) -> str | None:
     if snapshot.state in (State.MOVING, State.PAUSED):
         doing = "moves" if snapshot.state is State.MOVING and not reopen else "is in the middle of a motion"
         then = "try again" if reopen else "choose another robot"
-        return f"the arm {doing}; press STOP, then {then}"
+        return f"the arm {doing}; wait until it stands, or press STOP, then {then}"
     return release_first(snapshot, reopen=reopen)
 
 
