@@ -132,6 +132,14 @@ class FakePage:
             self._handles[label].value = value
         self.act(self._actions[label], times=times)
 
+    async def act_on(self, label: str, value: object = None) -> None:
+        """Press a button while something else goes on."""
+        if value is not None:
+            self._handles[label].value = value
+        result = self._actions[label]()
+        if result is not None:
+            await result
+
     def act(self, action: Action, *, times: int = 1) -> None:
         """Do something, and what it has spawned."""
 

@@ -72,6 +72,35 @@ def test_clicks_on_steps_of_the_tool_add_up(server: GuardedServer) -> None:
         page.press("X ahead mm", "+10")
 
 
+@pytest.mark.parametrize(("clicks", "goes"), [(12, 12), (60, None)])
+def test_clicks_that_wait_are_done_in_as_many_motions_as_they_need(
+    server: GuardedServer, clicks: int, goes: int | None
+) -> None:
+    page = SteppedPage(server, ROBOT, HOME)
+    steps, at, turns = ToolSteps(page.session), [HOME], []
+
+    async def submit(command: Command) -> Any:
+        assert isinstance(command, MoveJoints)
+        for _ in range(0 if turns else clicks):  # clicked while the arm goes by the first one
+            await steps.step(np.array((0.0, 0.01, 0.0)))
+        turns.append(np.abs(command.q - at[-1]).max())
+        at.append(command.q)
+        return await SteppedPage.submit(page, command)
+
+    vars(page)["submit"] = submit
+    if goes is None:  # more than the arm reaches: it goes as far as whole clicks lead
+        with pytest.raises(MotionRefusedError) as refusal:
+            page.press("Y left mm", "+10")
+        assert isinstance(refusal.value.reason, ToolStepRefused)
+        assert refusal.value.reason.step_m == (0.0, 0.01, 0.0)
+    else:
+        page.press("Y left mm", "+10")
+    moved = ROBOT.forward(at[-1])[:3, 3] - ROBOT.forward(HOME)[:3, 3]
+    way = 0.01 * (1 + goes) if goes is not None else 0.01 * round(100 * moved[1])
+    np.testing.assert_allclose(moved, (0.0, way, 0.0), atol=1e-6)
+    assert way > 0.1 and max(turns) <= np.radians(30.0) + 1e-9 and len(turns) > 2
+
+
 class Sticky(FakePage):
     """An arm whose servos hang by ``SAG``, and turn only when they are further off than their friction."""
 

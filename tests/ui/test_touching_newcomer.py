@@ -14,8 +14,9 @@ from tests.calibration.plant import Plant
 from tests.ui.page_kit import FakePage
 
 from armctl.arrays import FloatArray
-from armctl.calibration import CalibrationStore, TouchFit, calibrated
+from armctl.calibration import CalibrationStore, TouchFit, calibrated, own_map
 from armctl.errors import InputError
+from armctl.facts import State
 from armctl.hardware import Source
 from armctl.protocol import Command, MoveJoints
 from armctl.robot import Robot, load_robot
@@ -111,7 +112,7 @@ class Newcomer(FakePage):
 
 @pytest.fixture
 def plant() -> Plant:
-    plant = Plant.of(FILE, np.random.default_rng(4))
+    plant = Plant.of(FILE, np.random.default_rng(5))
     plant.zero, plant.compliance = (
         np.radians(OFF_DEG),
         np.where(FILE.gravity.weighs, SAG_RAD_NM, 0.0) * np.ones(5),
@@ -154,9 +155,11 @@ def test_from_opening_to_the_proof_by_the_buttons_alone(
     touch_next(page, instead=1 + int(np.argsort(away)[1]))  # its neighbour
     assert points.doubtful == 6
     assert page.label_of(AGAIN) == "Touch point 7 again"
+    assert "Point 7 does not fit" in page.html  # beside what is touched next, where who touches looks
     page.click(AGAIN)
     touch_next(page)
     assert points.doubtful is None and len(points.touches) == 7
+    assert "does not fit" not in page.html
     touch_next(page)
     fit = points.result
     assert isinstance(fit, TouchFit) and fit.correct and len(points.touches) == 8
@@ -179,3 +182,34 @@ def test_from_opening_to_the_proof_by_the_buttons_alone(
     assert now < 0.0015 and now < 0.4 * fit.before.rms
     with pytest.raises(InputError, match="every point fits"):
         proof.press(AGAIN)
+
+
+def test_here_counts_once_the_step_before_it_has_ended(
+    server: GuardedServer, tmp_path: Path, plant: Plant
+) -> None:
+    page = Newcomer(server, FILE, CalibrationStore(tmp_path), plant)
+    page.click("Points", "a printed sheet, A4")
+    points, go, state, here = page.desk.points, page.submit, page.snapshot.state, list[asyncio.Task[Any]]()
+
+    async def press_here() -> None:
+        await page.act_on("Here")
+
+    async def submit(command: Command) -> Any:
+        page.snapshot.state = State.MOVING
+        here.append(asyncio.create_task(press_here()))
+        for _ in range(5):
+            await asyncio.sleep(0)
+        assert not points.touches and not here[0].done()
+        ticket = await go(command)
+        page.snapshot.state = state
+        return ticket
+
+    async def step_and_here() -> None:
+        await page.act_on("Y left mm", "+10")
+        await here[0]
+
+    vars(page)["submit"] = submit
+    page.act(step_and_here)
+    (touch,) = points.touches
+    assert len(here) == 1
+    assert touch.outputs == own_map(FILE).outputs(page.snapshot.q_command)

@@ -116,7 +116,7 @@ class CalibrationPoints:
         above = gui.add_button("Next pose above it", color="gray")
         self._steps = ToolSteps(session, lambda: self._points.sense, lambda: self._points.heading, pause)
         here = gui.add_button("Here", icon=viser.Icon.TARGET)
-        session.needs(None, here, also=refused_by(self._touch))
+        session.needs(None, here, also=self._not_here)
         self._lift = gui.add_button("Lift the tip", color="gray", icon=viser.Icon.ARROW_UP)
         session.needs(self._steps.need, self._lift, told=False)
         self._tip = LiveHtml(gui)
@@ -287,6 +287,7 @@ class CalibrationPoints:
     async def _on_here(self) -> None:
         self._session.require_operator()
         self._watch.require_settled()
+        await self._steps.settled()  # the arm may seem to stand while what is missing is still sent
         touch = self._touch(self._session.snapshot)
         await self._change(lambda: self._points.add(touch))
         await self._show_next()
@@ -345,6 +346,9 @@ class CalibrationPoints:
             await points.keep()
             kept = "the points are as before" if as_before else "the points stay: others have changed since"
             raise GivenUpError(kept) from given_up
+
+    def _not_here(self, snapshot: Snapshot) -> str | None:
+        return None if self._steps.stepping else refused_by(self._touch)(snapshot)
 
     def _touch(self, snapshot: Snapshot) -> TouchedPoint:
         """What is touched now; ``ArmctlError`` where something of it is not known."""

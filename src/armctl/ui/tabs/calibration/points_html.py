@@ -75,7 +75,12 @@ def next_html(points: TouchedPoints) -> str:
         f"Press Go below the picture: the tip comes to 15 mm or more above it.{away} Step it onto the "
         "middle, look from two sides, and press Here. Then lift it."
     )
-    if len(points.touches) >= _CHECK_POINTS:
+    if points.doubtful is not None and not again:
+        told += refused(
+            f"Point {points.doubtful + 1} does not fit the others. Press "
+            f"'{again_label(points.doubtful)}' below the result before you go on."
+        )
+    elif len(points.touches) >= _CHECK_POINTS:
         told += muted("This one tells most of what is still uncertain, also where it was touched before.")
     return told
 

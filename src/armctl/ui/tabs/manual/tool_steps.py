@@ -115,8 +115,11 @@ class ToolSteps:
         self._sense: Sense = (lambda: (0.0,) * n) if sense is None else sense
         self._heading: Heading = (lambda: None) if heading is None else heading
         self._on_sheet = False
-        self._wanted, self._stepping = np.zeros(3), False
-        """(3,) clicks that are not solved yet [m]; and whether the arm moves by earlier ones"""
+        self._clicks: list[FloatArray] = []
+        """(3,) each, by how far the tool is to go by those that are not solved yet [m]"""
+        self._rests = asyncio.Event()
+        """whether no motion of theirs goes on"""
+        self._rests.set()
         self._at, self._sent = np.zeros(n), np.full(n, np.nan)
         """(n,) where the clicks so far lead, and what was sent for that [rad]"""
         self._ahead = StepAhead(n)
@@ -129,7 +132,16 @@ class ToolSteps:
 
     def need(self) -> Need | None:
         """What the next click needs of the arm: nothing while it moves by an earlier one."""
-        return None if self._stepping else Need.HOLDING
+        return None if self.stepping else Need.HOLDING
+
+    @property
+    def stepping(self) -> bool:
+        """Whether the arm still moves by clicks, or is looked at whether it came there."""
+        return not self._rests.is_set()
+
+    async def settled(self) -> None:
+        """Wait until it does not."""
+        await self._rests.wait()
 
     async def _on_step(self, axis: int, row: viser.GuiButtonGroupHandle) -> None:
         await self.step(_STEPS_MM[row.value] / 1000 * _axes(self._heading())[axis])
@@ -146,14 +158,15 @@ class ToolSteps:
     async def step(self, step_m: FloatArray) -> None:
         """Move the tool by (3,) [m] along the base's axes; refused out of reach, or where it cannot move."""
         self._session.require_operator()
-        self._wanted = self._wanted + step_m
-        if self._stepping:  # whoever moves the arm takes it along
+        self._clicks.append(step_m)
+        if self.stepping:  # whoever moves the arm takes it along
             return
-        self._stepping = True
+        self._rests.clear()
         try:
             await self._step()
         finally:
-            self._stepping, self._wanted = False, np.zeros(3)
+            self._clicks = []
+            self._rests.set()
 
     async def _step(self) -> None:
         """Go where the clicks lead, those that come meanwhile too; then look how far the tool has come."""
@@ -163,12 +176,9 @@ class ToolSteps:
             self._at, self._sent = now.q if measures else now.q_command, now.q_command
             self._ahead.begin(self._sent - self._at, np.array(self._sense()))
         begin = now.q
-        while self._wanted.any():
-            goal = self._at
-            while self._wanted.any():
-                step_m, self._wanted = self._wanted, np.zeros(3)
-                goal = await asyncio.to_thread(tool_stepped, self._session.held, goal, step_m)
-            before, self._at = self._at, goal
+        while self._clicks:
+            before = self._at
+            goal = self._at = await self._solved()
             if measures:
                 came = await self._go_measured(goal, stops)
             else:
@@ -177,6 +187,27 @@ class ToolSteps:
                 return
         if measures:
             self._show_moved(begin)
+
+    async def _solved(self) -> FloatArray:
+        """(n,) where the clicks lead [rad], or as many of them as one motion may do at once; the rest wait.
+
+        ``MotionRefusedError``: the first of them leads nowhere.
+        """
+        count, fewer = len(self._clicks), False
+        while True:
+            step_m = np.sum(self._clicks[:count], axis=0)
+            try:
+                goal = await asyncio.to_thread(tool_stepped, self._session.held, self._at, step_m)
+            except MotionRefusedError:
+                if count == 1:
+                    raise
+                count, fewer = count // 2, True
+            else:
+                if not fewer and count < len(self._clicks):  # clicked meanwhile
+                    count = len(self._clicks)
+                    continue
+                del self._clicks[:count]
+                return goal
 
     async def _go_measured(self, goal: FloatArray, stops: int) -> bool:
         """Send joints until the tool is measured at ``goal`` (n,), or back where something holds it.
@@ -201,7 +232,7 @@ class ToolSteps:
                 return False
             self._ahead.learn(now - q, goal - now, self._sent - now)
             q = now
-            if self._wanted.any():  # clicked meanwhile: on from here
+            if self._clicks:  # clicked meanwhile, or more than one motion may do: on from here
                 return True
         await self._send(q + first)  # it does not go on to press against what holds it
         self._sent = np.full(len(q), np.nan)
