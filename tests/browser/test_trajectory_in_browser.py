@@ -91,7 +91,6 @@ def test_settings_that_were_not_shown_are_not_run_and_a_motion_is_plotted_with_i
     page.click("Run")
     served.wait_for_deg(page, [0.0] * 5)
     page.wait_for_text("The arm has moved since: press Show.")
-    page.wait_for_text("The arm has moved since; press Show and look at it before it runs.")
     expect(page.button("Run")).to_be_disabled()
     assert page.errors == []
 
@@ -180,7 +179,6 @@ def test_a_study_is_exported_but_not_run_and_two_motions_are_compared_played_exp
     page.click("Show")
     page.wait_for_notification(re.compile("0 °/s is outside 1 … 360 °/s"))
     page.choose(MOTION, "Joint motion")
-    page.wait_for_text(re.compile("Duration 0: as short as"))
     page.button("Run").wait_for()
     assert served.commanded_deg == HOME
 

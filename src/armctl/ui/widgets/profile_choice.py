@@ -25,7 +25,7 @@ MOVEMENTS: Laws = (
     "From one side: planned; each joint that has play and carries no weight ends turning up, so that it "
     "stands on the same side of its play each time.",
 )
-_DURATION_HINT = "Seconds. 0 or empty: the shortest with this profile."
+_DURATION_HINT = "Seconds. 0 or empty: as short as this profile and the limits of the joints allow."
 
 
 class ProfileChoice:

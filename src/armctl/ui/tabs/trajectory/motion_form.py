@@ -47,8 +47,6 @@ _ABOUT = {
     JOINT_BY_JOINT: "How fast each joint moves the tip at one constant joint speed. A study: nothing moves.",
 }
 """the motions, in the order in which they are offered"""
-_SHORTEST = "Duration 0: as short as this profile and the limits of the joints allow."
-_TO_THE_LIMITS = "0 s: until every joint has reached its limit."
 _CHOOSE_HINT = "The criterion that chooses among the solutions of a point."
 _PAPER_ARM, _PAPER_CRITERION = "uzuner", "published"
 """the criterion that the paper's tables were made with"""
@@ -128,7 +126,6 @@ class MotionForm:
         self._start = gui.add_dropdown("Start at", (*robot.poses, PRESENT), initial_value=first_pose)
         self._joint_speed = NumberField(gui, "Joint speed °/s", PAPER_DEG_S, hint=_JOINT_SPEED_HINT)
         self._for = NumberField(gui, "For s", 0.0, hint=_FOR_HINT)
-        self._zero = LiveHtml(gui)
         typed = (
             *self._from.fields.values(), *self._to.fields.values(), self._via, self._end, self._end_pitch,
             self._end_rpy, self._tool_speed, self._blend, self._profile.duration, self._joint_speed,
@@ -204,13 +201,6 @@ class MotionForm:
         start = self._session.snapshot.q_command if name == PRESENT else robot.pose(name)
         turning = _TURNING[self._turning.value]
         return partial(make_study, robot, name, start, turning, speed * DEGREE, seconds)
-
-    def refresh(self) -> None:
-        """Say what a duration of 0 means for as long as it is 0."""
-        duration = self._for if self.is_study else self._profile.duration
-        is_zero = duration.visible and duration.text.strip() in ("", "0")
-        said = _TO_THE_LIMITS if self.is_study else _SHORTEST
-        self._zero.show(muted(said if is_zero else "\u00a0"))  # its line stays: no button moves
 
     def _end_asked(self, present: FloatArray) -> FloatArray | Target | None:
         if self._to.choice.visible:

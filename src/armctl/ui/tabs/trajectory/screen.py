@@ -41,10 +41,12 @@ from armctl.ui.widgets.html import (
     heading,
     muted,
     refused,
+    sentence,
     table,
     verdict_html,
     warned,
 )
+from armctl.ui.widgets.number_field import button_pairs
 
 _MOVED = 1e-6
 
@@ -66,10 +68,12 @@ class TrajectoryScreen:
         gui = session.gui
         with gui.add_form(None) as entered:  # Enter in a field is Show
             self._form = MotionForm(session)
-        show = gui.add_button("Show", icon=viser.Icon.CHART_LINE)
-        self._stale = LiveHtml(gui, visible=False)
-        self._run = gui.add_button("Run", icon=viser.Icon.PLAYER_PLAY)
-        session.needs(Need.HOLDING, self._run, also=self._not_run)
+        with button_pairs(gui):
+            show = gui.add_button("Show", icon=viser.Icon.CHART_LINE)
+            self._run = gui.add_button("Run", icon=viser.Icon.PLAYER_PLAY)
+            session.needs(Need.HOLDING, self._run, also=self._not_run, told=False)
+        self._told = LiveHtml(gui)
+        """that it plans, or why *Run* is off; its line stays, so the buttons do not move"""
         self._verdict = LiveHtml(gui, visible=False)
         self._freer = gui.add_button("Plan it freer", icon=viser.Icon.ROUTE, color="orange", visible=False)
         tabs = gui.add_tab_group()
@@ -88,19 +92,27 @@ class TrajectoryScreen:
     def refresh(self, snapshot: Snapshot) -> None:
         """Tell when what is shown no longer belongs to the settings or to where the arm is."""
         study = self._form.is_study
-        self._form.refresh()
         self._study.box.visible = study
         self._motion_box.visible = self._run.visible = not study
         self._verdict.visible = not study and self._judged
         stale = self._out_of_date(snapshot)
-        self._stale.visible = bool(stale) or self._planning > 0
-        self._stale.show("<b>Planning …</b>" if self._planning else warned(f"{stale}: press Show."))
+        self._told.show(self._status(snapshot, stale))
         freer = None if stale or self._planned is None else self._planned.freer
         self._freer.visible = freer is not None and not study
         if freer is not None:
             self._freer.label = f"Plan it with {self._form.freer_words(freer)}"
         self._preview.refresh(snapshot.q_command)
         self._graphs.refresh()
+
+    def _status(self, snapshot: Snapshot, stale: str) -> str:
+        if self._planning:
+            return "<b>Planning …</b>"
+        if stale:
+            return warned(f"{stale}: press Show.")
+        if self._form.is_study:
+            return "\u00a0"
+        why = self._session.why_not(Need.HOLDING, snapshot) or self._not_run(snapshot)
+        return muted(sentence(why)) if why else "\u00a0"
 
     def _out_of_date(self, snapshot: Snapshot) -> str:
         """Why what is shown has to be planned anew; empty where it need not be."""
