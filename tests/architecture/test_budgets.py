@@ -29,9 +29,9 @@ FOLDERS = {
     "robot": (44, 12_180),  # tools of a URDF arm; gaps of hulls in two thirds of the time
     "runtime": (27, 6_630),  # joints let down, messages, which warnings a cause tells, tools; a jog rests
     "ui": (
-        104,
-        23_950,
-    ),  # steps of the tool that friction does not swallow
+        105,
+        24_100,
+    ),  # steps of the tool that friction does not swallow; a table of the motors, nothing shifts
 }
 """files and lines, at most"""
 _HOW = "make it smaller, or raise its number in test_budgets.py and say in the commit what a user got for it"

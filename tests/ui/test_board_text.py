@@ -13,6 +13,7 @@ from armctl.robot import load_robot
 from armctl.ui import PortChoice
 from armctl.ui.enabling import enable_note
 from armctl.ui.tabs.main.boards import board_html, homing_html, ports_html
+from armctl.ui.widgets.motors import motors_html
 
 
 def words(html: str) -> str:
@@ -40,7 +41,13 @@ def test_what_is_connected_is_told_with_its_notes(snapshot: Snapshot) -> None:
     board = BoardIdentity("encoder board", "/dev/ttyACM0", "8573", notes=("motors & more",))
     assert words(
         board_html(replace(snapshot, board=board, quantities={"Base": Quantities(temperature_c=41.0)}))
-    ) == ("encoder board on /dev/ttyACM0 · serial number 8573 Base: 41 °C Motors &amp; more.")
+    ) == ("encoder board on /dev/ttyACM0 · serial number 8573 Motor Heat °C Base 41 Motors &amp; more.")
+
+
+def test_what_motors_measure_stands_in_a_table_with_a_dash_where_one_measures_nothing() -> None:
+    measured = {"Base": Quantities(load=-0.123, current_a=0.5), "J<aw": Quantities(load=0.0)}
+    assert words(motors_html(measured)) == "Motor Load % Current A Base −12 0.50 J&lt;aw 0 –"
+    assert motors_html({"Base": Quantities()}) == motors_html({}) == ""
 
 
 def test_homing_shows_every_axis(snapshot: Snapshot) -> None:

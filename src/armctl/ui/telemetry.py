@@ -12,10 +12,10 @@ from html import escape
 from armctl.facts import Quantities, QuantityLimits
 from armctl.facts.quantities import NAMES
 from armctl.hardware import BoardIdentity
-from armctl.lazy_dataclass import dataclass
 from armctl.protocol import Snapshot
 from armctl.ui.session import Session
 from armctl.ui.widgets.html import button, fixed
+from armctl.ui.widgets.motors import COLUMNS
 
 _PART = _ROWS = "telemetry"
 _PERIOD_S = 0.2
@@ -25,29 +25,6 @@ _LIMIT_AT = 0.9
 """where a bar has its limit, of its length"""
 _WAVERS = 1.5
 """steps of the last digit by which a value has to change to be shown anew: sensors waver"""
-
-
-@dataclass(frozen=True, slots=True)
-class _Column:
-    """How a quantity is shown."""
-
-    head: str
-    unit: str
-    scale: float
-    """what one of its unit is, of the unit that it is shown in"""
-    digits: int
-    full: float
-    """the end of the bar where no limit is known"""
-    level: str
-    """what a passed level of it is called"""
-
-
-_COLUMNS = {
-    "load": _Column("Load", "%", 100.0, 0, 1.0, "load"),
-    "current_a": _Column("Current", "A", 1.0, 2, 3.0, ""),
-    "temperature_c": _Column("Heat", "°C", 1.0, 0, 80.0, "temperature"),
-    "voltage_v": _Column("Supply", "V", 1.0, 1, 16.0, "voltage"),
-}
 
 
 class TelemetryTable:
@@ -82,7 +59,7 @@ class TelemetryTable:
         there = snapshot.quantities
         titles = (*self._titles, *(title for title in there if title not in self._titles))
         known = {name for one in there.values() for name in NAMES if getattr(one, name) is not None}
-        columns = tuple(name for name in _COLUMNS if name in known or name in self._columns)
+        columns = tuple(name for name in COLUMNS if name in known or name in self._columns)
         if (titles, columns) != (self._titles, self._columns):
             self._titles, self._columns = titles, columns
             self._draw()
@@ -114,7 +91,7 @@ class TelemetryTable:
         fold = button(_PART, label, title="Load, current, heat and supply of the motors", kind="link")
         if not self._open:
             return f"<p>{fold}{self._worst}</p>"
-        heads = "".join(f"<th>{_COLUMNS[name].head}</th>" for name in self._columns)
+        heads = "".join(f"<th>{COLUMNS[name].head}</th>" for name in self._columns)
         return (
             "<table aria-label='What the motors measure'>"
             f"<thead><tr><th>{fold}</th>{heads}</tr></thead><tbody data-rows='{_ROWS}'></tbody></table>"
@@ -161,7 +138,7 @@ class TelemetryTable:
         self, title: str, name: str, value: float, limits: QuantityLimits, snapshot: Snapshot
     ) -> tuple[bool, str]:
         """Whether it is past its limit, and how it is shown."""
-        column, (mark, _) = _COLUMNS[name], bar_scale(name, limits)
+        column, (mark, _) = COLUMNS[name], bar_scale(name, limits)
         value = self._steady(title, name, value)
         passed = any((level.part, level.quantity) == (title, column.level) for level in snapshot.levels)
         over = passed or (name == "current_a" and mark is not None and abs(value) > mark)
@@ -169,7 +146,7 @@ class TelemetryTable:
 
     def _steady(self, title: str, name: str, value: float) -> float:
         """The value, or the one that is shown where it only wavers about that."""
-        column, key = _COLUMNS[name], (title, name)
+        column, key = COLUMNS[name], (title, name)
         before = self._shown.get(key)
         step = _WAVERS * 10.0**-column.digits / column.scale
         if before is None or abs(value - before) >= step or (value == 0.0) is not (before == 0.0):
@@ -184,7 +161,7 @@ def bar_scale(name: str, limits: QuantityLimits) -> tuple[float | None, float]:
             return limits.load, 1.0
         case "voltage_v":
             supply = limits.supply_v
-            return limits.voltage_level_v, _COLUMNS[name].full if supply is None else supply / _LIMIT_AT
+            return limits.voltage_level_v, COLUMNS[name].full if supply is None else supply / _LIMIT_AT
         case _:
             limit: float | None = getattr(limits, name)
-            return limit, _COLUMNS[name].full if limit is None else limit / _LIMIT_AT
+            return limit, COLUMNS[name].full if limit is None else limit / _LIMIT_AT

@@ -30,6 +30,7 @@ from armctl.ui.widgets.html import (
     simulated_only_html,
     warned,
 )
+from armctl.ui.widgets.motors import motors_html
 
 
 class RobotChooser:
@@ -144,8 +145,7 @@ def board_html(snapshot: Snapshot) -> str:
         return "<div>Not connected.</div>"
     kind = f"<b>{escape(board.title)}</b> on {escape(board.port)}"
     lines = [f"<div>{kind}{_serial(board.serial_number)}</div>"]
-    lines += [f"<div>{escape(title)}: {one}</div>" for title, one in snapshot.quantities.items()]
-    return "".join([*lines, *map(_note, (*board.notes, *board.earlier))])
+    return "".join([*lines, motors_html(snapshot.quantities), *map(_note, (*board.notes, *board.earlier))])
 
 
 def _serial(number: str | None) -> str:
