@@ -73,3 +73,11 @@ def test_steps_are_recorded_duplicated_deleted_and_brought_back(page: OtherScree
     page.wait_for_text("3 steps")
     page.click("Run once")
     page.wait_until(lambda: (0, 2) in served.steps_run, "the last of the three runs")
+
+
+def test_all_parts_of_the_page_have_one_font(page: OtherScreen) -> None:
+    fonts = page.run("""
+      const parts = ["#armctl-top b", "label[for]", ".mantine-Input-input", ".mantine-Button-label"];
+      return parts.map((part) => getComputedStyle(document.querySelector(part)).fontFamily);
+    """)
+    assert len(set(fonts)) == 1, fonts

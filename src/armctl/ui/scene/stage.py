@@ -182,7 +182,7 @@ def look_at_arm(
     """See the arm by one of ``VIEWS``; ``picture``: width and height that will be free; None: as they are.
 
     ``beside``: another arm that is seen, too, and how far along y it stands [m]; one that is much smaller is
-    seen alone, or nothing could be made out of it. ``shown``: configurations
+    seen alone, or nothing could be made out of it, as on a phone. ``shown``: configurations
     (n,) [rad] of the arm, or of ghosts, that are not to be outside of the picture.
     ``sheet``: the panels lie over the lower part of the picture, so the arm is seen in the upper one.
     """
@@ -197,7 +197,7 @@ def look_at_arm(
         other, aside = beside
         others = in_view(other) + np.array([0.0, aside, 0.0])
         small = other.chain.length < _SMALL * robot.chain.length
-        points = others if small else np.vstack([points, others])
+        points = others if small or sheet else np.vstack([points, others])
     position, middle = first_view(robot, points, fov, aspect, view)
     away = position - middle
     right = np.cross([0.0, 0.0, 1.0], away)

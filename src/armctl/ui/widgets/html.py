@@ -318,4 +318,5 @@ def _finding_block(finding: Finding) -> str:
         place.append(finding.part)
     head = f"<b style='color:{color}'>{mark}</b> {escape(' · '.join(place))}"
     mend = f"<div style='opacity:.8'>→ {escape(finding.mend)}</div>" if finding.mend else ""
-    return f"<div style='{_EDGE}{color}'><div>{head}</div><div>{escape(finding.what)}</div>{mend}</div>"
+    what = escape(with_minus(finding.what))
+    return f"<div style='{_EDGE}{color}'><div>{head}</div><div>{what}</div>{mend}</div>"

@@ -184,7 +184,8 @@ def ways_html(found: RankedSolutions, row: int | None, answer: int) -> str:
     free = found.solutions.free_joint
     each = "each " * (len(ways) > 1)
     about = "" if free is None else f", {each}the best as {found.robot.joints[free].title} turns"
-    head = f"<b>{many}</b>: {possible} possible{escape(about)}<p>{_WAYS_TOLD}</p>"
+    may = f": {possible} possible" if len(ways) > 1 else "" if possible else ": refused"
+    head = f"<span title='{_WAYS_TOLD}'><b>{many}</b>{may}{escape(about)}</span>"
     chosen = next((i for i, way in enumerate(ways) if row is not None and row in way.rows), None)
     pictures = _thumbnails(found.robot, np.array([way.q for way in ways]))
     cards = "".join(

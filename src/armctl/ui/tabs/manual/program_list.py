@@ -393,7 +393,9 @@ def row_html(key: str, row: int, step: Step, depth: int, state: RowState = _PLAI
     finding = ""
     if state.finding:
         what = f"{_MARK[state.severity]} {with_minus(state.finding)}"
-        finding = f"<em role=gridcell class=armctl-{state.severity}>{escape(what)}</em>"
+        finding = (
+            f"<em role=gridcell class=armctl-{state.severity} title='{escape(what)}'>{escape(what)}</em>"
+        )
     selected = state.selected
     more = _tools(key, row) if state.tools else ""
     if state.fields:

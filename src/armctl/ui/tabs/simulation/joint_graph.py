@@ -217,7 +217,8 @@ def legend_html(robot: Robot, shown: Sequence[int], source: Source) -> str:
     """Each joint once, in its colour; and what solid and dotted lines are."""
     names = " ".join(
         "<span style='display:inline-block;margin-right:8px'>"
-        f"<span style='color:{color_of(i)}'>■</span> {escape(robot.joints[i].title)}</span>"
+        f"<span style='display:inline-block;color:{color_of(i)};filter:var(--armctl-of)'>■</span> "
+        f"{escape(robot.joints[i].title)}</span>"
         for i in shown
     )
     dotted = "" if source is Source.COMMANDED else f" Dotted: {source.value}."
