@@ -18,6 +18,7 @@ from tests.runtime.kit import fails
 from websockets.http11 import Request
 from websockets.server import ServerProtocol
 
+from armctl.errors import BoardError
 from armctl.facts import State
 from armctl.motion.trajectory import Sample
 from armctl.process import lines as lines_module
@@ -195,6 +196,30 @@ def test_a_network_that_is_pulled_out_ends_what_waits_for_an_answer(monkeypatch:
                 pool.submit(line.receive).result(20)
             wire.shutdown(socket.SHUT_RDWR)
             line.close()
+
+
+def test_a_connection_that_an_arm_process_takes_with_it_as_it_dies_is_made_anew() -> None:
+    """It was handed over, and nobody answers; the console serves the next one itself."""
+    with socket.create_server(("127.0.0.1", 0)) as door, ThreadPoolExecutor(1) as pool:
+        door.settimeout(20)
+        address = f"127.0.0.1:{door.getsockname()[1]}"
+
+        def answer(*words: str) -> None:
+            wire, _ = door.accept()
+            with wire:
+                assert wire.recv(65536).startswith(b"GET /api ")
+                wire.sendall("\r\n".join(words).encode())
+
+        opened = pool.submit(RemoteLine, f"http://{address}", None)
+        answer()
+        answer("HTTP/1.1 503 No", "Content-Length: 7", "", "restart")
+        with pytest.raises(BoardError, match=f"{address}: restart"):
+            opened.result(20)
+        opened = pool.submit(RemoteLine, f"http://{address}", None)
+        for _ in range(3):
+            answer()
+        with pytest.raises(BoardError, match=f"{address}: it ends each connection without"):
+            opened.result(20)
 
 
 class SlowLine(ScriptedLine):

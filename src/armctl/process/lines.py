@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import socket
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Protocol
 from urllib.parse import parse_qs, urlsplit
 
-from websockets.exceptions import InvalidStatus, WebSocketException
-from websockets.sync.client import connect
+from websockets.exceptions import InvalidMessage, InvalidStatus, WebSocketException
+from websockets.sync.client import ClientConnection, connect
 
 from armctl.errors import ArmProcessError, BoardError, InputError
 from armctl.process.records import MOST_BYTES, Codec, Trust
@@ -89,11 +90,7 @@ class RemoteLine:
         headers = {"Authorization": f"Bearer {token or given}"} if token or given else {}
         address = f"{'wss' if parts.scheme == 'https' else 'ws'}://{parts.netloc}/api"
         try:
-            self._socket = connect(
-                address, additional_headers=headers, max_size=MOST_BYTES, compression=None,
-                open_timeout=_CONNECT_S, ping_interval=_PING_S, ping_timeout=_GONE_S,
-                close_timeout=_GOODBYE_S, proxy=None,
-            )  # fmt: skip
+            self._socket = _opened(address, headers)
         except InvalidStatus as cause:
             text = (cause.response.body or b"").decode(errors="replace").strip().splitlines()
             why = " ".join(text) or f"status {cause.response.status_code}"
@@ -119,6 +116,25 @@ class RemoteLine:
     def close(self) -> None:
         """End it."""
         self._socket.close()
+
+
+def _opened(address: str, headers: Mapping[str, str], tries: int = 3) -> ClientConnection:
+    """A websocket, also where the first ones are ended without an answer.
+
+    An arm process that is being killed still takes what the console hands to it, and it ends with it.
+    """
+    try:
+        return connect(
+            address, additional_headers=headers, max_size=MOST_BYTES, compression=None,
+            open_timeout=_CONNECT_S, ping_interval=_PING_S, ping_timeout=_GONE_S,
+            close_timeout=_GOODBYE_S, proxy=None,
+        )  # fmt: skip
+    except (InvalidMessage, ConnectionResetError) as cause:
+        if isinstance(cause, InvalidMessage) and not isinstance(cause.__cause__, EOFError):
+            raise
+        if tries > 1:
+            return _opened(address, headers, tries - 1)
+        raise ConnectionResetError("it ends each connection without an answer") from cause
 
 
 def _connected(address: Path | tuple[str, int]) -> socket.socket:
