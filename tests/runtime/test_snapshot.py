@@ -42,6 +42,7 @@ _BESIDE_STATE = {
     "limits",
     "unreachable",
     "doing",
+    "last_stop",
 }
 """They change with the state, or are for the eye."""
 CHANGES: dict[str, Any] = {

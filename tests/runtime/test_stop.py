@@ -6,6 +6,7 @@ from tests.runtime.kit import ROBOT, TEST, TICK, Rig, assert_keeps_limits, fails
 
 from armctl.errors import ArmctlError, BoardTimeoutError, StoppedError
 from armctl.facts import State
+from armctl.facts.commands import Stopped
 from armctl.protocol import Jog, MoveGripper, MoveJoints, Origin, Pause, Resume, Ticket
 from armctl.runtime.mover import PathMover
 
@@ -100,7 +101,8 @@ def test_the_gripper_stops_where_it_is(holding: Rig) -> None:
 def test_a_stop_with_nothing_to_stop_is_over_at_once(rig: Rig) -> None:
     stop(rig).result(0)
     assert rig.now.state is State.DISCONNECTED
-    assert rig.now.stops == 1  # whoever means to move the arm again sees it
+    # whoever means to move the arm again sees it
+    assert (rig.now.stops, rig.now.last_stop) == (1, Stopped("test"))
 
 
 def test_a_stop_before_the_first_setpoint_moves_nothing(holding: Rig) -> None:

@@ -6,6 +6,7 @@ import asyncio
 import re
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
@@ -23,10 +24,22 @@ from armctl.errors import InputError
 from armctl.facts import Need, State
 from armctl.facts.commands import NoBoard, Stopped
 from armctl.hardware import BoardIdentity
-from armctl.protocol import AxisHoming, Control, Doing, MoveJoints, Origin, Party, Release, Snapshot, Ticket
+from armctl.protocol import (
+    AxisHoming,
+    Command,
+    Control,
+    Doing,
+    MoveJoints,
+    Origin,
+    Party,
+    Release,
+    Snapshot,
+    Ticket,
+)
 from armctl.robot import load_robot
 from armctl.ui import RobotChoice, console, events
 from armctl.ui.console import Console, Precedence
+from armctl.ui.events import LastStop
 from armctl.ui.guard import GuardedServer
 from armctl.ui.offers import NO_REASON
 from armctl.ui.session import Session
@@ -75,7 +88,8 @@ class Bench:
             unsaved=[],
             savers=[],
             precedence=Precedence(),
-            last_stop=(None, 0),
+            last_stop=LastStop(),
+            submit=lambda command, origin, _: controller.submit(command, origin),
         )
         self.console.shared = cache(lambda kind: kind())
 
@@ -292,36 +306,79 @@ def test_what_is_worked_out_in_time_is_not_undone(
     assert (after, undone) == (["MADE"], [])
 
 
-def test_what_was_pressed_before_stop_begins_no_motion_after_it(server: GuardedServer) -> None:
-    bench = Bench(server)
-    session, button, sent = bench.session, server.gui.add_button("Go by least energy"), list[object]()
-    controller, stops = bench.console.controller, [Origin("browser page 7")]
-    controller.stop = lambda _: None
-    real = Console(cast(Any, None), controller, list, Path(), lambda: None)
+class Stoppable:
+    """A page whose button works out a motion, and a STOP that comes ``meanwhile``."""
 
-    def work() -> None:
-        for one in stops:
-            real.stop(one)
-        bench.console.last_stop = real.last_stop
+    def __init__(self, server: GuardedServer) -> None:
+        self.bench = Bench(server)
+        self.button = server.gui.add_button("Go by least energy")
+        self.sent: list[object] = []
+        self.meanwhile: Callable[[], object] = lambda: None
+        self.controller = self.bench.console.controller
+        self.controller.submit = self.send
+        self.controller.stop = self.sent.append
+        self.console = Console(cast(Any, None), self.controller, list, Path(), lambda: None)
+        self.bench.console.submit = self.console.submit
 
-    controller.submit = lambda command, _: (sent.append(command), bench.ticket)[1]
+        async def go() -> None:
+            await self.bench.session.work_out(lambda: self.meanwhile())
+            await self.bench.session.submit(Release())  # moves nothing
+            await self.bench.session.submit(MoveJoints(ROBOT.pose("home")))
 
-    async def go() -> None:
-        await session.work_out(work)
-        await session.submit(Release())  # moves nothing
-        await session.submit(MoveJoints(ROBOT.pose("home")))
+        self.bench.session.on(self.button.on_click, go)
 
-    session.on(button.on_click, go)
-    press(session, button)
-    assert [type(one) for one in sent] == [Release]
-    assert "stopped by browser page 7 before it began" in bench.told[-1][1]
-    stops.clear()
-    press(session, button)
-    assert [type(one) for one in sent] == [Release, Release, MoveJoints]
-    controller.snapshot = replace(bench.snapshot, stops=1)  # of a program that drives the arm, too
-    press(session, button)
-    assert [type(one) for one in sent[3:]] == [Release]
-    assert "stopped by somebody before it began" in bench.told[-1][1]
+    def send(self, command: Command, _: Origin) -> Ticket:
+        self.sent.append(command)
+        return self.bench.ticket
+
+    def counted(self, stops: int, by: str) -> None:
+        """The arm says that it has had so many STOPs."""
+        self.controller.snapshot = replace(self.bench.snapshot, stops=stops, last_stop=Stopped(by))
+
+    def press(self) -> list[type]:
+        """What was sent."""
+        self.bench.console.last_stop = self.console.last_stop
+        self.sent.clear()
+        press(self.bench.session, self.button)
+        return [type(one) for one in self.sent if not isinstance(one, Origin)]
+
+
+@pytest.mark.parametrize(
+    ("who", "told"), [("browser page 8", "browser page 8"), ("browser page 7", "you"), ("", "a, program 2")]
+)
+def test_what_was_pressed_before_stop_begins_no_motion_after_it(
+    server: GuardedServer, who: str, told: str
+) -> None:
+    page = Stoppable(server)
+    assert page.press() == [Release, MoveJoints]
+    page.meanwhile = lambda: page.console.stop(Origin(who)) if who else page.counted(1, told)
+    assert page.press() == [Release]
+    assert page.bench.told[-1][1] == f"stopped by {told} before it began"
+    page.meanwhile = lambda: None
+    assert page.press() == [Release, MoveJoints]
+
+
+def test_what_is_pressed_after_stop_goes_before_the_arm_has_counted_that(server: GuardedServer) -> None:
+    page = Stoppable(server)
+    page.console.stop(Origin("browser page 6"))
+    page.meanwhile = lambda: page.counted(1, "browser page 6")
+    assert page.press() == [Release, MoveJoints]
+    page.console.stop(Origin("browser page 6"))
+    page.meanwhile = lambda: page.counted(3, "a, program 2")  # and then that one, too
+    assert page.press() == [Release]
+
+
+def test_a_stop_beside_a_motion_that_is_just_sent_is_sent_behind_it(server: GuardedServer) -> None:
+    page, stop = Stoppable(server), Origin("browser page 7")
+
+    def send(command: Command, origin: Origin) -> Ticket:
+        if isinstance(command, MoveJoints):  # the page's own line has a thread of its own
+            page.console.stop(stop)
+        return page.send(command, origin)
+
+    page.controller.submit = send
+    page.press()
+    assert page.sent[-1] is stop and isinstance(page.sent[-2], MoveJoints)
 
 
 def test_an_upload_that_is_cancelled_leaves_nothing(

@@ -351,6 +351,8 @@ class Snapshot:
     """whose STOP is the cause of the state; None: nobody's"""
     stops: int = 0
     """rises with each STOP, also with one that finds the arm at rest"""
+    last_stop: Stopped | None = None
+    """whose the newest of these was"""
 
     def unmet(self, need: Need) -> NotNow | None:
         """Why what needs this of the arm would be refused now; None: it would not."""

@@ -294,6 +294,7 @@ class Controller:
             awaited=awaited,
             stopped=core.stopped,
             stops=core.stops,
+            last_stop=core.last_stop,
             events=core.log.events,
             last_pose=core.poses.last,
             measured=self._measured[1],

@@ -67,7 +67,7 @@ class ArmState:
         self.poses = PoseWatch(poses)
         self.board: Board | None = None
         self.state = State.DISCONNECTED
-        self.cause, self.stops = "not connected yet", 0
+        self.cause, self.stops, self.last_stop = "not connected yet", 0, None
         self.activity: Activity | None = None
         self.stopped_by: Stopped | None = None  # whose STOP brings the activity to rest now
         self.stopped: Stopped | None = None  # what ``cause`` tells, where it is somebody's STOP
@@ -268,9 +268,9 @@ class ArmState:
         """
         ticket = Ticket.ended() if ticket is None else ticket
         ticket.accept()
-        self.stops += 1
         self._stopping.append(ticket)  # from here on settle answers it, or a fault
         moving, by = self.busy, Stopped(origin.who, origin.note)
+        self.stops, self.last_stop = self.stops + 1, by
         if moving or self.monitor.homes or not origin.note:
             fresh = moving and self.stopped_by != by
             if fresh or not self.log.said(f"STOP ({origin})", _SAME_PRESS_S):  # a page sends each press twice

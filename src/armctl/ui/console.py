@@ -17,12 +17,12 @@ import numpy as np
 from armctl.arrays import FloatArray
 from armctl.boards import board_name
 from armctl.calibration import Calibration, CalibrationStore, calibrated
-from armctl.errors import PortError
+from armctl.errors import PortError, StateError
 from armctl.facts import State
 from armctl.hardware import BoardIdentity, Source
 from armctl.hardware.boards import board_type
 from armctl.lazy_dataclass import dataclass
-from armctl.protocol import ArmLink, Event, Origin, Snapshot
+from armctl.protocol import ArmLink, Command, Event, MovingCommand, Origin, Snapshot, Ticket
 from armctl.robot import Robot
 from armctl.ui.events import LastStop
 
@@ -230,7 +230,8 @@ class Console:
     )
     """each saves what would be lost; gives the file, or None where nothing would be"""
     precedence: Precedence = field(default_factory=Precedence, init=False)
-    _stops: deque[Origin] = field(default_factory=partial(deque[Origin], maxlen=1), init=False)
+    _stops: deque[Origin] = field(default_factory=partial(deque[Origin], maxlen=1))
+    """the pages' last one, of the arm with any of its tools on"""
     _shared: dict[type[Shared], Shared] = field(default_factory=dict[type[Shared], Shared], init=False)
 
     @property
@@ -245,8 +246,20 @@ class Console:
 
     @property
     def last_stop(self) -> LastStop:
-        """Whose it was, of the pages', which is known at once, and how many there were from anywhere."""
-        return (self._stops[-1] if self._stops else None), self.controller.snapshot.stops
+        """The newest STOP, as far as it is known."""
+        snapshot = self.controller.snapshot
+        return LastStop(self._stops[-1] if self._stops else None, snapshot.stops, snapshot.last_stop)
+
+    def submit(self, command: Command, origin: Origin, pressed: LastStop | None = None) -> Ticket:
+        """Ask the arm for something; a motion is refused where STOP came after the last one ``pressed``."""
+        if pressed is None or not isinstance(command, MovingCommand):
+            return self.controller.submit(command, origin)
+        if (newer := self.last_stop.since(pressed)) is not None:
+            return Ticket.ended(StateError(replace(newer, note="", how="unbegun")))
+        ticket = self.controller.submit(command, origin)
+        if self._stops and (stop := self._stops[-1]) is not pressed.page:  # pressed between these two
+            self.controller.stop(stop)
+        return ticket
 
     def equipped(self, tool: str) -> Console:
         """The same arm with another tool on, and what its pages share of it."""

@@ -13,8 +13,8 @@ from typing import Any, Literal, Protocol, TypeVar
 import viser
 
 from armctl.apart import GIVEN_UP
-from armctl.errors import StateError
 from armctl.facts.commands import Stopped
+from armctl.lazy_dataclass import dataclass
 from armctl.protocol import Origin
 from armctl.ui.viser_seam import id_of_notification
 
@@ -30,8 +30,26 @@ _LETTERS_A_SECOND = 12
 _MORE = '<a href="{}" target="_blank" rel="noopener" title="opens the documentation">What to do</a>'
 
 
-LastStop = tuple[Origin | None, int]
-"""whose STOP was the newest of the pages', None: there was none; and how many there were from anywhere"""
+@dataclass(frozen=True)
+class LastStop:
+    """The newest STOP that is known."""
+
+    page: Origin | None = None
+    """that of a page, which is known at once; None: there was none"""
+    count: int = 0
+    """how many have come to the arm from anywhere, as its snapshot says a moment later"""
+    by: Stopped | None = None
+    """whose the newest of these was"""
+
+    def since(self, before: LastStop) -> Stopped | None:
+        """Whose STOP came after ``before``; None: nobody's."""
+        if self.page is not None and self.page is not before.page:
+            return Stopped(self.page.who)
+        if self.count <= before.count or self.by is None:
+            return None
+        # That of a page may have been pressed before, and have come to the arm since.
+        known = before.page is not None and before.page.who == self.by.by
+        return None if known else self.by
 
 
 class Newest:
@@ -128,10 +146,11 @@ class AtWork:
         parts: NotificationParts,
         label: str,
         key: str,
-        last_stop: LastStop = (None, 0),
+        last_stop: LastStop | None = None,
     ) -> None:
         """``key``: what the button *Cancel* says it is of. ``last_stop``: as in ``Console``, when pressed."""
-        self._client, self._parts, self._label, self._last_stop = client, parts, label, last_stop
+        self._client, self._parts, self._label = client, parts, label
+        self.last_stop = LastStop() if last_stop is None else last_stop
         self._cancel = f"<button type=button data-do=cancel-work data-key={key}>Cancel</button>"
         self._shown: viser.NotificationHandle | None = None
         self._given_up: asyncio.Future[None] | None = None
@@ -154,14 +173,6 @@ class AtWork:
             self._parts.drop(_part(self._shown))
             self._shown.remove()
             self._shown = None
-
-    def require_unstopped(self, last_stop: LastStop) -> None:
-        """Refuse (``StateError``) a motion where somebody has pressed STOP since this was pressed."""
-        (page, count), (page_before, count_before) = last_stop, self._last_stop
-        if page is not None and page is not page_before:
-            raise StateError(Stopped(page.who, how="unbegun"))
-        if count > count_before:
-            raise StateError(Stopped("somebody", how="unbegun"))
 
     def give_up(self) -> None:
         """Nobody waits for it any more."""

@@ -17,7 +17,7 @@ import viser
 from armctl.errors import ArmctlError
 from armctl.facts import Need, Reason, say
 from armctl.facts.commands import Stopped
-from armctl.protocol import Command, ControlCommand, MovingCommand, Origin, Snapshot, Ticket
+from armctl.protocol import Command, ControlCommand, Origin, Snapshot, Ticket
 from armctl.robot import CarriedPart, Robot
 from armctl.robot.look.rows import Theme
 from armctl.ui.console import page_name
@@ -250,7 +250,7 @@ class Session:
             raise
         except ArmctlError as refusal:
             if not self.closed:
-                self.refuse(str(refusal), more=page_of_error(refusal))
+                self.refuse(say(self.with_names(refusal.reason)), more=page_of_error(refusal))
         except Exception:
             if self.closed:  # it has met widgets that went with the page or the arm
                 LOG.debug("an action outlived its page", exc_info=True)
@@ -303,10 +303,9 @@ class Session:
         self.require_operator()
         self.robots.require_settled()
         label, at_work = _AT_WORK.get()
-        if at_work is not None and isinstance(command, MovingCommand):
-            at_work.require_unstopped(self.console.last_stop)
         with self.console.precedence.going():
-            ticket = self.console.controller.submit(command, self.origin)
+            pressed = None if at_work is None else at_work.last_stop
+            ticket = self.console.submit(command, self.origin, pressed)
             await asyncio.wrap_future(ticket.accepted)
         if at_work is not None:  # from here on the arm itself shows it
             at_work.end()
