@@ -23,7 +23,7 @@ FOLDERS = {
     "hardware": (75, 15_640),  # telemetry in one pass; pins of the encoder board, scripts for inputs, buses
     "kinematics": (51, 13_050),  # the workspace as a shell
     "motion": (21, 6_080),  # from one side; a tick samples its path in a third of the time
-    "process": (15, 3_420),  # snapshots in a third of the time
+    "process": (15, 3_430),  # snapshots in a third of the time; who comes as it dies is served
     "program": (26, 5_450),  # grids, a check of every path; calls, pick and place, messages, user frames
     "protocol": (5, 1_250),
     "robot": (44, 12_180),  # tools of a URDF arm; gaps of hulls in two thirds of the time

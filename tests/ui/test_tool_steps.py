@@ -127,15 +127,17 @@ class Sticky(FakePage):
         await super().submit(command)
         assert isinstance(command, MoveJoints)
         now, done = self.snapshot, Future[None]()
-        now.q_command = command.q
-        stands = command.q - self.SAG
-        q = np.clip(now.q, stands - STUCK, stands + STUCK)
-        now.q = np.where(self.blocked, now.q, COUNT * np.round(q / COUNT))
+        self.move_to(command.q)
         self.after -= 1
         if self.after == 0:
             now.stops += 1
         done.set_result(None)
         return SimpleNamespace(finished=done)
+
+    def move_to(self, command: FloatArray) -> None:
+        now, stands = self.snapshot, command - self.SAG
+        q: FloatArray = COUNT * np.round(np.clip(now.q, stands - STUCK, stands + STUCK) / COUNT)
+        now.q_command, now.q = command, np.where(self.blocked, now.q, q)
 
     @property
     def tip(self) -> FloatArray:
@@ -198,6 +200,40 @@ def test_nothing_is_sent_after_a_stop_or_once_the_arm_holds_no_more(server: Guar
     vars(page.snapshot).update(state=State.HOLDING, limp=())
     page.click("Y left mm", "+1")
     assert len(page.sent) > 2
+
+
+def test_a_click_after_a_stop_begins_from_what_was_sent_before_it_pressed(server: GuardedServer) -> None:
+    page = Sticky(server)
+    page.click("Z up mm", "−3")
+    page.click("Z up mm", "+3")
+    calm, page.blocked[:], page.after = page.snapshot.q_command, True, 1
+    page.click("Z up mm", "−10")  # STOP, while it presses on the table
+    assert np.abs(page.snapshot.q_command - calm).max() > np.radians(4.0)
+    page.blocked[:] = False
+    page.sent.clear()
+    assert page.click("Z up mm", "+1")[2] == pytest.approx(1.0, abs=0.9)
+    first = page.sent[0]
+    assert isinstance(first, MoveJoints) and np.abs(first.q - calm).max() < np.radians(1.0)
+    page.after = 1
+    page.click("Z up mm", "−10")
+    page.snapshot.q_command = stands = page.snapshot.q  # released, and enabled where it stands
+    page.sent.clear()
+    assert page.click("Z up mm", "+1")[2] == pytest.approx(1.0, abs=0.9)
+    first = page.sent[0]
+    assert isinstance(first, MoveJoints) and np.abs(first.q - stands).max() < np.radians(1.0)
+
+
+def test_an_arm_that_something_else_moves_meanwhile_is_not_drawn_back(server: GuardedServer) -> None:
+    page = Sticky(server)
+
+    async def jogged(seconds: float) -> None:
+        """Between two looks."""
+        turned = np.radians([10.0, 0.0, 0.0, 0.0, 0.0])
+        vars(page.snapshot).update(q=page.snapshot.q + turned, q_command=page.snapshot.q_command + turned)
+
+    vars(page.steps)["_pause"] = jogged
+    page.click("Y left mm", "+1")
+    assert len(page.sent) == 1
 
 
 def test_a_motion_that_is_stopped_ends_the_step(server: GuardedServer) -> None:

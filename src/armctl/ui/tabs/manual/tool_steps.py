@@ -89,7 +89,8 @@ class StepAhead:
         for k, side in enumerate(_SIDES):
             here = side * turned > _MOVED
             stuck = (np.abs(turned) <= _MOVED) & (side * missing > _COUNT)
-            further = ahead + side * np.where(self.width > 0.0, *_PUSHES)
+            known = (self.width > 0.0) & ~np.isnan(self._edges[1 - k])
+            further = ahead + side * np.where(known, *_PUSHES)
             self._edges[k] = np.where(here, ahead, np.where(stuck, further, self._edges[k]))
         seen = (np.abs(turned) > _MOVED) & ~np.isnan(self._edges).any(axis=0)
         width = self._edges[0] - self._edges[1]
@@ -123,6 +124,8 @@ class ToolSteps:
         self._at, self._sent = np.zeros(n), np.full(n, np.nan)
         """(n,) where the clicks so far lead, and what was sent for that [rad]"""
         self._ahead = StepAhead(n)
+        self._left = self._sent, self._sent, self._sent
+        """(n,) what was sent and where the arm stood when a step ended early, and the lead before it [rad]"""
         self._rows = [gui.add_button_group(label, tuple(_STEPS_MM)) for label in _BASE_ROWS]
         for axis, row in enumerate(self._rows):
             session.needs(self.need, row, told=False)
@@ -172,19 +175,30 @@ class ToolSteps:
         """Go where the clicks lead, those that come meanwhile too; then look how far the tool has come."""
         now = self._session.snapshot
         stops, measures = now.stops, is_measured(now)
-        if not np.allclose(now.q_command, self._sent, rtol=0.0, atol=_SENT):  # something else has moved it
+        first = now.q_command - now.q
+        if not self._is_where_sent(now):
             self._at, self._sent = now.q if measures else now.q_command, now.q_command
-            self._ahead.begin(self._sent - self._at, np.array(self._sense()))
+            sent, stood, lead = self._left
+            if _is_same(now.q_command, sent) and np.abs(now.q - stood).max() <= _MOVED:
+                first = lead  # it may still press on what it was sent into
+            self._ahead.begin(first, np.array(self._sense()))
         begin = now.q
         while self._clicks:
             before = self._at
             goal = self._at = await self._solved()
-            if measures:
-                came = await self._go_measured(goal, stops)
-            else:
-                came = await self._send(self._sent + goal - before)
+            came = False
+            try:
+                if measures:
+                    came = await self._go_measured(goal, first, stops)
+                else:
+                    came = await self._send(self._sent + goal - before)
+            finally:
+                if not came:  # what is missing is not made good by the next click
+                    now = self._session.snapshot
+                    self._left, self._sent = (now.q_command, now.q, first), np.full(len(goal), np.nan)
             if not came:
                 return
+            first = self._sent - self._session.snapshot.q
         if measures:
             self._show_moved(begin)
 
@@ -209,15 +223,15 @@ class ToolSteps:
                 del self._clicks[:count]
                 return goal
 
-    async def _go_measured(self, goal: FloatArray, stops: int) -> bool:
+    async def _go_measured(self, goal: FloatArray, first: FloatArray, stops: int) -> bool:
         """Send joints until the tool is measured at ``goal`` (n,), or back where something holds it.
 
-        Whether it may go on: it was not stopped, and holds. ``stops``: of the snapshot when it began.
+        ``first``: (n,) how far ahead of what is measured they are sent where nothing is in the way.
+        ``stops``: of the snapshot when it began. Whether it may go on: it was not stopped, and holds.
         """
-        robot, q = self._session.held, self._session.snapshot.q
-        first, asked_m = self._sent - q, 0.0
+        robot, q, ahead, asked_m = self._session.held, self._session.snapshot.q, first, 0.0
         for tries in range(_TRIES + 1):
-            way, ahead = goal - q, self._sent - q
+            way = goal - q
             off_m = float(np.linalg.norm(robot.forward(goal)[:3, 3] - robot.forward(q)[:3, 3]))
             asked_m = max(asked_m, off_m)
             if off_m < _NEAR_M or (tries == _TRIES and off_m < asked_m / 2):
@@ -225,25 +239,33 @@ class ToolSteps:
             if tries == _TRIES:
                 break
             wanted = np.clip(self._ahead.wanted(way, ahead), first - _MOST_AHEAD, first + _MOST_AHEAD)
-            if not await self._send(np.where(np.abs(way) > _COUNT, goal + wanted, self._sent)):
+            if not await self._send(np.where(np.abs(way) > _COUNT, goal + wanted, q + ahead)):
                 return False
             now = await self._stand(stops)
             if now is None:
                 return False
-            self._ahead.learn(now - q, goal - now, self._sent - now)
+            ahead = self._sent - now
+            self._ahead.learn(now - q, goal - now, ahead)
             q = now
             if self._clicks:  # clicked meanwhile, or more than one motion may do: on from here
                 return True
         await self._send(q + first)  # it does not go on to press against what holds it
-        self._sent = np.full(len(q), np.nan)
         return False
 
+    def _is_where_sent(self, snapshot: Snapshot) -> bool:
+        """Whether nothing else has moved the arm, and nothing has kept it from what was sent."""
+        return _is_same(snapshot.q_command, self._sent)
+
     async def _stand(self, stops: int) -> FloatArray | None:
-        """(n,) where the arm is measured once it stands [rad]; None: STOP, or it holds no more."""
+        """(n,) where the arm is measured once it stands [rad].
+
+        None: STOP, it holds no more, or something else moves it.
+        """
         before: FloatArray | None = None
         for _ in range(_LOOKS):
             now = self._session.snapshot
-            if now.stops != stops or now.state is not State.HOLDING or not is_measured(now):
+            holds = now.state is State.HOLDING and is_measured(now) and self._is_where_sent(now)
+            if not holds or now.stops != stops:
                 return None
             if before is not None and now.q is not before and np.abs(now.q - before).max() < _COUNT:
                 return now.q
@@ -267,6 +289,10 @@ class ToolSteps:
         moved = numbers(1000 * _axes(self._heading()) @ (tips[1] - tips[0]), 1)
         note = muted(_SHEET_NOTE if self._on_sheet else _BASE_NOTE)
         self._note.show(f"<div>Moved by <b>{moved} mm</b>, as measured.</div>{note}")
+
+
+def _is_same(command: FloatArray, sent: FloatArray) -> bool:
+    return np.allclose(command, sent, rtol=0.0, atol=_SENT)
 
 
 def _axes(heading: float | None) -> FloatArray:
