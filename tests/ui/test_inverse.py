@@ -203,7 +203,7 @@ def test_what_is_refused_is_told_of_the_pose_at_solving(server: GuardedServer) -
     page.ask(108.9, -39.6, -25.6)
     page.press("Solve")
     screen.refresh(page.snapshot)
-    note = "The arm has moved since. What is refused here was judged from where it stood."
+    note = "The arm has moved since: press Solve to judge the ways anew."
     assert note not in page.html
     page.snapshot.q_command = HOME + 0.01
     screen.refresh(page.snapshot)
