@@ -11,6 +11,7 @@ from tests.browser.kit import Screen, Screens
 from tests.browser.served_arm import HOME, ServedArm
 
 from armctl.facts import State
+from armctl.protocol import MoveGripper
 
 pytestmark = pytest.mark.browser
 TAB = "Manual"
@@ -39,6 +40,12 @@ def test_the_arm_jogs_while_a_button_is_held_and_says_why_where_it_cannot(
     page.wait_for_text(re.compile("Commanded: 30 %"))
     page.screenshot("manual-jog")
     assert served.now.gripper == pytest.approx(0.3)
+    served.order(MoveGripper(0.8))  # by somebody else: a slider that nobody edits follows
+    page.wait_until(lambda: page.number("Gripper %") == 80, "the slider shows where the gripper is")
+    page.type_into("Gripper %", "20")
+    served.order(MoveGripper(0.6))
+    page.wait_for_text(re.compile("Commanded: 60 %"))
+    assert page.number("Gripper %") == 20
 
     page.open_tab("Tool")
     less, more = (page.button(f"Y {sign}").bounding_box() for sign in "−+")
