@@ -154,6 +154,7 @@ def test_a_click_moves_the_tool_by_a_millimetre_where_friction_swallows_ten_of_t
     server: GuardedServer,
 ) -> None:
     page = Sticky(server)
+    lines = page.html.rsplit("arrow at the tool", 1)[1].count("<div")
     page.click("X ahead mm", "+3")
     page.click("Y left mm", "−3")
     page.click("Y left mm", "+3")
@@ -170,6 +171,7 @@ def test_a_click_moves_the_tool_by_a_millimetre_where_friction_swallows_ten_of_t
     for one in page.sent:
         assert isinstance(one, MoveJoints) and one.duration_s is not None and one.duration_s >= 0.3
     assert "as measured" in page.html
+    assert page.html.rsplit("arrow at the tool", 1)[1].count("<div") == lines  # nothing below it moves
 
 
 def test_a_joint_that_is_held_is_not_pressed_any_harder_than_by_the_click(server: GuardedServer) -> None:
@@ -266,4 +268,4 @@ def test_steps_are_along_the_sheet_where_there_is_one(
     np.testing.assert_allclose(moved, (*turned, 0.0), atol=1e-6)
     label = vars(page)["_handles"]["X ahead mm"].label
     assert label == ("X ahead mm" if heading is None else "X sheet mm")
-    assert ("along the sheet" in page.html.rsplit("Clicks add up", 1)[0][-90:]) == (heading is not None)
+    assert ("along the sheet" in page.html.rsplit("Clicks add up", 1)[0][-160:]) == (heading is not None)

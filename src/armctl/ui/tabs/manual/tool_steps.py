@@ -35,8 +35,8 @@ _BASE_ROWS = ("X ahead mm", "Y left mm", "Z up mm")
 _SHEET_ROWS = ("X sheet mm", "Y sheet mm", "Z up mm")
 _MOST_STEP_RAD = 30.0 * DEGREE
 """a step that turns a joint by more is no small one: the arm stands near a singularity, or would turn over"""
-_BASE_NOTE = "X, Y and Z are those of the base: the red, green and blue arrow at the tool. Clicks add up."
-_SHEET_NOTE = "X and Y are along the sheet: X away from the base, Y to the left. Clicks add up."
+_BASE_NOTE = "X, Y and Z are the base's: red, green and blue arrow at the tool."
+_SHEET_NOTE = "X and Y are along the sheet: X away from the base, Y to the left."
 _SENT = 1e-6
 """a command that differs by less is the one that was sent [rad]"""
 _NEAR_M = 0.0004
@@ -131,7 +131,8 @@ class ToolSteps:
             session.needs(self.need, row, told=False)
             session.on(row.on_click, partial(self._on_step, axis, row))
         session.needs(self.need)
-        self._note = LiveHtml(gui, muted(_BASE_NOTE))
+        self._note, self._moved = LiveHtml(gui), ""
+        self._draw_note()
 
     def need(self) -> Need | None:
         """What the next click needs of the arm: nothing while it moves by an earlier one."""
@@ -156,7 +157,7 @@ class ToolSteps:
             self._on_sheet = on_sheet
             for row, label in zip(self._rows, _SHEET_ROWS if on_sheet else _BASE_ROWS, strict=True):
                 row.label = label
-            self._note.show(muted(_SHEET_NOTE if on_sheet else _BASE_NOTE))
+            self._draw_note()
 
     async def step(self, step_m: FloatArray) -> None:
         """Move the tool by (3,) [m] along the base's axes; refused out of reach, or where it cannot move."""
@@ -287,8 +288,13 @@ class ToolSteps:
     def _show_moved(self, begin: FloatArray) -> None:
         tips = [self._session.held.forward(q)[:3, 3] for q in (begin, self._session.snapshot.q)]
         moved = numbers(1000 * _axes(self._heading()) @ (tips[1] - tips[0]), 1)
-        note = muted(_SHEET_NOTE if self._on_sheet else _BASE_NOTE)
-        self._note.show(f"<div>Moved by <b>{moved} mm</b>, as measured.</div>{note}")
+        self._moved = f" Moved by {moved} mm, as measured."
+        self._draw_note()
+
+    def _draw_note(self) -> None:
+        """Two lines, before a click and after it: what lies below stays under the pointer."""
+        axes = _SHEET_NOTE if self._on_sheet else _BASE_NOTE
+        self._note.show(muted(axes) + muted(f"Clicks add up.{self._moved}"))
 
 
 def _is_same(command: FloatArray, sent: FloatArray) -> bool:
