@@ -18,6 +18,7 @@ from armctl.hardware.dynamixel.make import WATCHDOG_MS
 from armctl.hardware.encoder import driver as encoder_driver
 from armctl.hardware.encoder import messages
 from armctl.hardware.encoder import simulated as encoder_simulated
+from armctl.process import link as arm_link
 from armctl.process import records, server
 from armctl.program.program import MOST_STEPS, PROGRAM_FILES
 from armctl.protocol import clock, commands
@@ -58,6 +59,7 @@ NUMBERS = {
     "records": server._MOST_A_SECOND,
     "orphan": server._HOLD_S,
     "link silent": records.SILENCE_S,
+    "busy": arm_link._BUSY_S,
     "gap": monitor.GAP_S,
     "after gap": clock.AFTER_GAP_S,
     "late": monitor._LATE_S,

@@ -145,6 +145,30 @@ def test_what_waited_while_the_console_stood_still_does_not_move_the_arm(
     link.close()
 
 
+def test_a_press_that_waited_behind_a_busy_page_server_does_not_outlive_a_stop_pressed_after_it(
+    monkeypatch: pytest.MonkeyPatch, holding_snapshot: Snapshot
+) -> None:
+    """STOP has a line and a thread of its own; nobody can say which of the two was pressed first."""
+    clock = ManualClock()
+    monkeypatch.setattr(link_module, "MonotonicClock", SimpleNamespace(now=clock.now))
+    line = SlowLine(holding_snapshot)
+    link = Link(line, robot=ROBOT, beats=False)
+    link.beat()
+    clock.advance(0.5)  # a page is being built
+    assert not link.submit(MOVE).finished.done()
+    clock.advance(0.3)
+    link.stop()
+    clock.advance(0.2)
+    fails(link.submit(MOVE).finished, r"this console stood still for 0\.5 s before it could send that")
+    link.beat()
+    clock.advance(0.3)
+    link.beat()
+    link.stop()
+    clock.advance(0.05)  # from one sign of life to the next
+    assert not link.submit(MOVE).finished.done()
+    link.close()
+
+
 class Laborious:
     """A trajectory of a caller's own that is being sampled until ``go_on``."""
 

@@ -70,6 +70,8 @@ _LOG_LINES = 200
 _STOPPED = "stopped before it began"
 _RECALL_S = 10.0
 _ENDED_S = 0.2
+_BUSY_S = 0.1
+"""a caller whose signs of life are further apart was busy: what it asks for then may be older than a STOP"""
 _CLOSE_S = 15.0
 """how long an arm process may take to bring the arm to rest and end"""
 
@@ -106,7 +108,7 @@ class Link:
         """held while tickets are answered: the reader does, and whoever ends the link"""
         self._stops = 0
         """how often STOP was asked for"""
-        self._beat_at = self._woke_at = -math.inf
+        self._beat_at = self._woke_at = self._stopped_at = -math.inf
         self._alive_at, self._still_s = math.inf, 0.0
         """when who calls ``beat`` was seen last, and how long it stood still before ``_woke_at``"""
         self._numbers = itertools.count(1)
@@ -293,8 +295,9 @@ class Link:
         return ticket
 
     def _caller_lives(self, now: float) -> None:
-        if now - self._alive_at > SILENCE_S:
-            self._woke_at, self._still_s = now, now - self._alive_at
+        still_s = now - self._alive_at
+        if still_s > (_BUSY_S if self._stopped_at > self._alive_at else SILENCE_S):
+            self._woke_at, self._still_s = now, still_s
         self._alive_at = now
 
     def _just_woke(self) -> bool:
@@ -306,7 +309,7 @@ class Link:
 
     def _stop_waiting(self) -> list[int]:
         """Take back the motions that are not sent yet: STOP waits for none; the lock is held."""
-        self._stops += 1
+        self._stops, self._stopped_at = self._stops + 1, self._now()
         dropped = [number for number, _ in self._out if number]
         self._out = deque(waiting for waiting in self._out if not waiting[0])
         return dropped
