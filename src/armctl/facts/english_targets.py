@@ -196,7 +196,7 @@ def _left_out(one: targets.StrokeLeftOut) -> str:
 
 
 def _step(one: targets.ToolStepRefused) -> str:
-    step = f"{in_signed_millimetres(one.step_m)} mm (x, y, z) from here"
+    step = f"{in_signed_millimetres(one.step_m)} mm (x, y, z of the base) from here"
     if one.turns is None:
         return f"{step} is out of reach; step elsewhere"
     turns = in_degrees(one.turns, ".0f")

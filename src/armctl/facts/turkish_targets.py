@@ -205,7 +205,7 @@ def _left_out(one: targets.StrokeLeftOut) -> str:
 
 
 def _step(one: targets.ToolStepRefused) -> str:
-    step = f"buradan {in_signed_millimetres(one.step_m)} mm (x, y, z)"
+    step = f"buradan {in_signed_millimetres(one.step_m)} mm (tabanın x, y, z eksenlerinde)"
     if one.turns is None:
         return f"{step} erişim dışında; başka bir yöne adım atın"
     turns = in_degrees(one.turns, ".0f")
