@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from concurrent.futures import Future
 from types import SimpleNamespace
 from typing import Any
@@ -223,6 +224,28 @@ def test_a_click_after_a_stop_begins_from_what_was_sent_before_it_pressed(server
     assert page.click("Z up mm", "+1")[2] == pytest.approx(1.0, abs=0.9)
     first = page.sent[0]
     assert isinstance(first, MoveJoints) and np.abs(first.q - stands).max() < np.radians(1.0)
+
+
+@pytest.mark.parametrize(("stops", "words"), [(1, "did not come there"), (0, "waits already")])
+def test_who_waits_for_a_step_hears_that_it_was_stopped_and_waits_once(
+    server: GuardedServer, stops: int, words: str
+) -> None:
+    page = Sticky(server)
+    page.after, heard = stops, list[object]()
+
+    async def step_and_wait() -> None:
+        step = asyncio.create_task(page.act_on("Y left mm", "+1"))
+        while not page.steps.stepping:
+            await asyncio.sleep(0)
+        heard.extend(await asyncio.gather(page.steps.settled(), page.steps.settled(), return_exceptions=True))
+        await step
+
+    page.act(step_and_wait)
+    assert any(words in str(one) for one in heard)
+    assert (heard[0] is None) == (stops == 0)
+    page.after = 0
+    page.click("Y left mm", "+1")
+    page.act(page.steps.settled)  # nothing goes on
 
 
 def test_an_arm_that_something_else_moves_meanwhile_is_not_drawn_back(server: GuardedServer) -> None:

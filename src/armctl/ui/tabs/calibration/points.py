@@ -288,6 +288,7 @@ class CalibrationPoints:
         self._session.require_operator()
         self._watch.require_settled()
         await self._steps.settled()  # the arm may seem to stand while what is missing is still sent
+        self._session.require_operator()  # still
         touch = self._touch(self._session.snapshot)
         await self._change(lambda: self._points.add(touch))
         await self._show_next()

@@ -18,7 +18,7 @@ import numpy as np
 import viser
 
 from armctl.arrays import FloatArray
-from armctl.errors import ArmctlError, MotionRefusedError
+from armctl.errors import ArmctlError, MotionRefusedError, StateError
 from armctl.facts import Need, State
 from armctl.facts.angles import DEGREE
 from armctl.facts.targets import ToolStepRefused
@@ -121,6 +121,8 @@ class ToolSteps:
         self._rests = asyncio.Event()
         """whether no motion of theirs goes on"""
         self._rests.set()
+        self._awaited, self._came = False, True
+        """whether somebody waits for that; and whether the last one led where it was to"""
         self._at, self._sent = np.zeros(n), np.full(n, np.nan)
         """(n,) where the clicks so far lead, and what was sent for that [rad]"""
         self._ahead = StepAhead(n)
@@ -144,8 +146,19 @@ class ToolSteps:
         return not self._rests.is_set()
 
     async def settled(self) -> None:
-        """Wait until it does not."""
-        await self._rests.wait()
+        """Wait until it does not; ``StateError``: it did not come there, or somebody waits already."""
+        if not self.stepping:
+            return
+        if self._awaited:
+            raise StateError("it waits already until the step is done")
+        self._awaited = True
+        try:
+            while self.stepping:
+                await self._rests.wait()
+        finally:
+            self._awaited = False
+        if not self._came:
+            raise StateError("the arm did not come there; look where the tip is, then press again")
 
     async def _on_step(self, axis: int, row: viser.GuiButtonGroupHandle) -> None:
         await self.step(_STEPS_MM[row.value] / 1000 * _axes(self._heading())[axis])
@@ -166,14 +179,15 @@ class ToolSteps:
         if self.stepping:  # whoever moves the arm takes it along
             return
         self._rests.clear()
+        self._came = False
         try:
-            await self._step()
+            self._came = await self._step()
         finally:
             self._clicks = []
             self._rests.set()
 
-    async def _step(self) -> None:
-        """Go where the clicks lead, those that come meanwhile too; then look how far the tool has come."""
+    async def _step(self) -> bool:
+        """Go where the clicks lead, those that come meanwhile too; whether the tool has come there."""
         now = self._session.snapshot
         stops, measures = now.stops, is_measured(now)
         first = now.q_command - now.q
@@ -198,10 +212,11 @@ class ToolSteps:
                     now = self._session.snapshot
                     self._left, self._sent = (now.q_command, now.q, first), np.full(len(goal), np.nan)
             if not came:
-                return
+                return False
             first = self._sent - self._session.snapshot.q
         if measures:
             self._show_moved(begin)
+        return True
 
     async def _solved(self) -> FloatArray:
         """(n,) where the clicks lead [rad], or as many of them as one motion may do at once; the rest wait.
