@@ -44,6 +44,8 @@ def test_labels_follow_the_arm_and_its_lengths_and_one_of_nothing_is_left_out(se
         "fore": ("Forearm 110 mm", [0.175, 0.0, 0.08]),
         "hand": ("Hand 90 mm", [0.275, 0.0, 0.08]),
     }
+    anchors = [one.anchor for one in vars(labels)["_labels"].values()]
+    assert anchors == ["center-right", "bottom-center", "top-center", "bottom-center"]  # no two in a row
     lengths["height"], lengths["upper"] = 0.0, 100.5
     now = show()
     assert "height" not in now and now["upper"] == ("Upper arm 100.5 mm", [0.0503, 0.0, 0.0])

@@ -73,6 +73,7 @@ class LengthLabels:
     def show(self, build: Build, lengths_mm: Mapping[str, float], robot: Robot, q: FloatArray) -> None:
         """Write them where they are with the arm at ``q`` (n,) [rad]."""
         spans = length_spans(build, lengths_mm, robot, q)
+        above = False
         for one in build.lengths:
             words = f"{one.title} {lengths_mm[one.key]:g} mm"
             shown = self._labels.get(one.key)
@@ -81,11 +82,13 @@ class LengthLabels:
             if one.key not in spans:
                 continue
             middle = spans[one.key].mean(axis=0)
+            x, y, z = np.abs(np.diff(spans[one.key], axis=0)[0]).tolist()
+            above = above if z > x + y else not above
             if one.key not in self._labels:
                 name = f"{self._root}/lengths/{one.key}"
-                x, y, z = np.abs(np.diff(spans[one.key], axis=0)[0]).tolist()
-                # beside what stands, and above what lies
-                beside = "center-right" if z > x + y else "bottom-center"
+                # beside what stands; above and below what lies by turns: a phone has no room in a row
+                lying = "bottom-center" if above else "top-center"
+                beside = "center-right" if z > x + y else lying
                 label = self._scene.add_label(name, words, position=middle, anchor=beside)
                 self._labels[one.key] = label
             elif np.abs(self._labels[one.key].position - middle).max() > _MM:
