@@ -20,7 +20,7 @@ from armctl.ui.tabs.manual.shared_program import SharedProgram
 from armctl.ui.widgets.graph import Bound, Curves, Graph, PlotLine, legend
 from armctl.ui.widgets.html import button, fixed, sentence
 
-_PART, _TICKS = "timeline", 3
+_PART, _TICKS = "timeline", 4
 QUANTITIES = {"Angle": "°", "Speed": "°/s", "Accel.": "°/s²", "Tool": "mm"}
 """what can be drawn, and its unit"""
 _NOTHING = "The motion to the next pose is drawn here."
