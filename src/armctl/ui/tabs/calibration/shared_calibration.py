@@ -370,7 +370,7 @@ def present_outputs(robot: Robot, snapshot: Snapshot) -> dict[int, float]:
         if snapshot.source is Source.MEASURED:
             raise StateError("the board does not know where every joint stands; home the arm first")
         raise StateError(
-            f"the arm is {snapshot.state.value}, so nobody knows where it stands; connect and enable it first"
+            f"the state is {snapshot.state.value}: nobody knows where the arm stands; connect and enable it"
         )
     return own_map(robot).outputs(np.where(unknown, snapshot.q_command, snapshot.q))
 

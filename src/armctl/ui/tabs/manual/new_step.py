@@ -218,5 +218,5 @@ def present_pose(snapshot: Snapshot) -> FloatArray:
     if np.isfinite(q).all():
         return q
     raise StateError(
-        f"the arm is {snapshot.state.value}, so nobody knows where it stands; connect and enable it first"
+        f"the state is {snapshot.state.value}: nobody knows where the arm stands; connect and enable it"
     )
