@@ -126,18 +126,6 @@ def test_answers_that_get_lost_are_told_with_their_rate_and_many_bring_the_arm_t
             motion.result(0)
 
 
-@pytest.mark.parametrize("tick", [TICK, 0.1])
-def test_lost_answers_are_told_with_the_same_rate_however_often_the_arm_is_read(tick: float) -> None:
-    bench = bench_of(trouble("drop-reply:0.05"))
-    told = list[int]()
-    for _ in range(round(40.0 / tick)):
-        bench.clock.advance(tick)
-        bench.controller.tick()
-        told += [int(one) for text in bench.now.warnings for one in re.findall(r"answer (\d+) % of", text)]
-    assert bench.now.state is State.HOLDING
-    assert len(told) > 20.0 / tick and 3 <= np.mean(told) <= 7
-
-
 def test_a_program_that_moves_a_servo_behind_our_back_is_a_fault(bench: Bench) -> None:
     bench.run(0.5)
     position = bench.board.position_us(0)

@@ -40,6 +40,8 @@ _DEVIATION_WORDS = {
 _ERROR_SHOWN_S = 10.0
 _RATE_S = 5.0
 """over which unanswered questions are counted"""
+_FEWEST_ASKED = 250
+"""as many readings as there are in that time: after a start, a few lost ones are not yet a rate"""
 _RATE_SHOWN, _RATE_TOO_HIGH = 0.02, 0.1
 """shares of them from which on it is said, and the arm is brought to rest: it would only crawl"""
 _REST_READINGS = 5
@@ -186,9 +188,7 @@ class Monitor:
             self._answers.clear()
             self._answers.append((now, asked, 0))
             self._asked, self._lost = asked, 0
-        # of as many as there will be in the whole time: after a start, a few lost ones are not yet a rate
-        share = min(1.0, (now - self._answers[0][0]) / _RATE_S)
-        rate = share * self._lost / max(1, self._asked)
+        rate = self._lost / max(_FEWEST_ASKED, self._asked)
         words = (
             f"the board does not answer {100 * rate:.0f} % of the questions in time: check cable, USB hub, "
             "baud rate"
