@@ -6,7 +6,6 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
 from armctl.calibration.touch_fit import Solved, solve
@@ -28,7 +27,8 @@ _NEAR = 5.0 * DEGREE
 _STEP = 5.0 * DEGREE
 _SENSES = (1.0, -1.0)
 _SPARE_M = 0.01
-"""a tool that comes out so far beside a point is brought there without that the arm touches itself"""
+"""how far parts of the arm stay from each other, or half as far as at home: a tool that comes out so far
+beside a point is brought there without that the arm touches itself"""
 
 
 def next_touch(robot: Robot, touches: Touches, candidates: Touches, *, load_kg: float = 0.0) -> int:
@@ -113,10 +113,12 @@ def reachable(robot: Robot, touches: Touches, points_m: FloatArray, *, load_kg: 
 
 def reachable_at(robot: Robot, points_m: FloatArray, base_m: FloatArray, frame: Frame = "base") -> Touches:
     """The same for points (m, 3) of a frame that lie at ``base_m`` (m, 3) in the base frame."""
+    home = robot.collision.gaps(robot.body_frames(robot.pose("home")[None]), 2.0 * _SPARE_M)
+    room = np.minimum(_SPARE_M, np.minimum(home, 0.5 * home))
     rows = [
         (pose, point)
         for point, target in zip(points_m, base_m, strict=True)
-        for pose in _poses(robot, target)
+        for pose in _poses(robot, target, room)
     ]
     q = np.reshape([pose for pose, _ in rows for _ in _SENSES], (-1, robot.n))
     points = np.reshape([point for _, point in rows for _ in _SENSES], (-1, 3))
@@ -124,11 +126,14 @@ def reachable_at(robot: Robot, points_m: FloatArray, base_m: FloatArray, frame: 
     return Touches(q, points, frame, senses)
 
 
-def _poses(robot: Robot, target: FloatArray) -> list[FloatArray]:
-    """Configurations (n,) [rad] with the tool at a point (3,) [m]: a free pitch downwards, in some steps."""
+def _poses(robot: Robot, target: FloatArray, room: FloatArray) -> list[FloatArray]:
+    """Configurations (n,) [rad] with the tool at a point (3,) [m]: a free pitch downwards, in some steps.
+
+    Only where two parts of the arm come no nearer to each other than ``room`` (pairs, 1) [m].
+    """
     rotation = robot.forward(robot.pose("home"))[:3, :3] if robot.orients_tool else None
     found = robot.inverse(target, rotation=rotation, step=_STEP).q
-    found = found[_has_room(robot, found)]
+    found = found[np.all(robot.collision.gaps(robot.body_frames(found), _SPARE_M) >= room, axis=0)]
     if len(robot.inverse_kinematics.pitch_joints) != _PITCHED or not len(found):
         return list(found[:1])
     # one search for all pitches: a pitch that is out of reach takes a second to be refused
@@ -140,14 +145,3 @@ def _poses(robot: Robot, target: FloatArray) -> list[FloatArray]:
         if len(near):
             chosen.append(found[near[np.argmin(away[near])]])
     return chosen
-
-
-def _has_room(robot: Robot, q: FloatArray) -> NDArray[np.bool_]:
-    """(k,) whether an arm at configurations (k, n) [rad] comes near to itself nowhere.
-
-    Not nearer than ``_SPARE_M``, or than to half of what is between two of its parts at home.
-    """
-    home = robot.collision.gaps(robot.body_frames(robot.pose("home")[None]), 2.0 * _SPARE_M)
-    least = np.minimum(_SPARE_M, np.minimum(home, 0.5 * home))
-    gaps = robot.collision.gaps(robot.body_frames(q), _SPARE_M)
-    return np.all(gaps >= least, axis=0)
