@@ -81,6 +81,13 @@ def known(snapshot: Snapshot) -> FloatArray:
     return np.where(np.isnan(snapshot.q), snapshot.q_command, snapshot.q)
 
 
+def pose_unknown(snapshot: Snapshot) -> StateError:
+    """The refusal where nothing says where the arm stands."""
+    return StateError(
+        f"the state is {snapshot.state.value}: nobody knows where the arm stands; connect and enable it"
+    )
+
+
 @dataclass(frozen=True, slots=True)
 class PortChoice:
     """One entry of the port list."""

@@ -9,10 +9,9 @@ from armctl.errors import ArmctlError
 from armctl.facts import Need, Reason
 from armctl.lazy_dataclass import dataclass
 from armctl.protocol import Snapshot
-from armctl.ui.widgets.html import LiveHtml, muted, sentence
+from armctl.ui.widgets.html import EMPTY_LINE, LiveHtml, muted, sentence
 
-NO_REASON = muted("\u00a0")
-"""an empty line"""
+NO_REASON = muted(EMPTY_LINE)
 
 
 class Disableable(Protocol):

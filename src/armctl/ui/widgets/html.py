@@ -45,6 +45,10 @@ def heading(text: str) -> str:
     return f"<div style='font-weight:600;margin-top:6px'>{escape(text)}</div>"
 
 
+EMPTY_LINE = "\u00a0"
+"""what keeps the place of a line that says nothing: what lies below it does not move"""
+
+
 def muted(text: str) -> str:
     """An explanation that may be overlooked."""
     return f"<div style='font-size:11.5px;opacity:.75'>{escape(with_minus(text))}</div>"

@@ -41,7 +41,7 @@ from armctl.hardware import Source
 from armctl.lazy_dataclass import dataclass
 from armctl.protocol import Snapshot, wall_time
 from armctl.robot import OutputMap, Robot
-from armctl.ui.console import CalibrationInForce, Console
+from armctl.ui.console import CalibrationInForce, Console, pose_unknown
 from armctl.ui.tabs.calibration.touched_points import TouchedPoints, read_outputs
 
 _LARGEST_ANGLE = 720.0 * DEGREE
@@ -369,9 +369,7 @@ def present_outputs(robot: Robot, snapshot: Snapshot) -> dict[int, float]:
     if unknown.any() and not snapshot.commanded:
         if snapshot.source is Source.MEASURED:
             raise StateError("the board does not know where every joint stands; home the arm first")
-        raise StateError(
-            f"the state is {snapshot.state.value}: nobody knows where the arm stands; connect and enable it"
-        )
+        raise pose_unknown(snapshot)
     return own_map(robot).outputs(np.where(unknown, snapshot.q_command, snapshot.q))
 
 

@@ -28,7 +28,7 @@ from armctl.ui.tabs.inverse.answer_html import (
 from armctl.ui.tabs.inverse.branches import NOTHING, TAB, BranchView
 from armctl.ui.tabs.inverse.curve import EnergyCurveView
 from armctl.ui.tabs.inverse.target_form import TargetForm
-from armctl.ui.widgets.html import LiveHtml, Pager, muted, refused, warned
+from armctl.ui.widgets.html import EMPTY_LINE, LiveHtml, Pager, muted, refused, warned
 from armctl.ui.widgets.number_field import field_grid
 from armctl.ui.widgets.profile_choice import MOVEMENTS, ProfileChoice
 
@@ -107,7 +107,7 @@ class InverseScreen:
         if snapshot.state is not State.MOVING:  # a field that changes all the time cannot be typed into
             self._form.following.follow(self._session.next.shown(snapshot.q_command))
         self._branches.refresh()
-        self._stale.show(warned(self._out_of_date(snapshot) or self._judged_before(snapshot) or "\u00a0"))
+        self._stale.show(warned(self._out_of_date(snapshot) or self._judged_before(snapshot) or EMPTY_LINE))
         if self._fields_changed is not self._ghost_is_old:
             self._ghost_is_old = self._fields_changed
             if self._ghost_is_old:

@@ -21,6 +21,7 @@ from armctl.program.motion_steps import END, RPY, VIA, tool_turn
 from armctl.program.standing_steps import EDGES
 from armctl.protocol import Snapshot
 from armctl.robot import Robot
+from armctl.ui.console import pose_unknown
 from armctl.ui.widgets.angle_fields import slider_degrees
 
 Point = tuple[float, float, float]
@@ -217,6 +218,4 @@ def present_pose(snapshot: Snapshot) -> FloatArray:
     q = snapshot.q_command if snapshot.commanded else snapshot.q
     if np.isfinite(q).all():
         return q
-    raise StateError(
-        f"the state is {snapshot.state.value}: nobody knows where the arm stands; connect and enable it"
-    )
+    raise pose_unknown(snapshot)

@@ -35,6 +35,7 @@ from armctl.ui.tabs.trajectory.plan import (
 )
 from armctl.ui.tabs.trajectory.study import StudyView
 from armctl.ui.widgets.html import (
+    EMPTY_LINE,
     LiveHtml,
     Pager,
     fixed,
@@ -110,9 +111,9 @@ class TrajectoryScreen:
         if stale:
             return warned(f"{stale}: press Show.")
         if self._form.is_study:
-            return "\u00a0"
+            return EMPTY_LINE
         why = self._session.why_not(Need.HOLDING, snapshot) or self._not_run(snapshot)
-        return muted(sentence(why)) if why else "\u00a0"
+        return muted(sentence(why)) if why else EMPTY_LINE
 
     def _out_of_date(self, snapshot: Snapshot) -> str:
         """Why what is shown has to be planned anew; empty where it need not be."""
