@@ -17,8 +17,7 @@ from armctl.hardware.boards import board_type
 from armctl.robot import Robot
 from armctl.robot.tools import own_gripper
 from armctl.runtime.board import Board, BoolArray, Reading
-from armctl.runtime.levels import Levels
-from armctl.runtime.notices import Notices
+from armctl.runtime.notices import Levels, Notices
 
 _READ_FAILURES = 5
 _SILENCE_S = 1.0

@@ -6,6 +6,8 @@ import logging
 import math
 from collections.abc import Iterable
 
+from armctl.facts import Found, LevelPassed, say
+from armctl.facts.quantities import LOAD_S
 from armctl.protocol import Event, Message, wall_time
 from armctl.protocol.snapshot import printable
 
@@ -14,6 +16,8 @@ _LOG_LINES = 200
 _LONGEST_LINE = 2000
 _REPEAT_S = 5.0
 """a line of the log is not repeated sooner: a held key must not flood it"""
+_LEVEL_SHOWN_S = 5.0
+"""how long a level is told of after it was passed last: a value may waver about it"""
 
 
 class EventLog:
@@ -113,3 +117,31 @@ class Notices:
 
     def _places(self, keys: frozenset[str]) -> tuple[int, ...]:
         return tuple([k for k, key in enumerate(self._texts) if key in keys]) if keys else ()
+
+
+class Levels:
+    """Warns of loads, heat and voltages that have passed their levels, and of each once, with its worst."""
+
+    def __init__(self, notices: Notices) -> None:
+        self._notices = notices
+        self._since: dict[tuple[str, str], float] = {}
+        """when each was passed; loads count once that is a second ago"""
+        self._told: dict[tuple[str, str], tuple[LevelPassed, float]] = {}
+        """with the worst value since then, and when it was seen last"""
+        self.passed: tuple[LevelPassed, ...] = ()
+        """those that are warned of"""
+
+    def take(self, seen: tuple[LevelPassed, ...], now: float) -> None:
+        """What is beyond its level at a reading."""
+        found = {(level.part, level.quantity): level for level in seen}
+        self._since = {key: self._since.get(key, now) for key in found}
+        for key, level in found.items():
+            if level.quantity == "load" and now - self._since[key] < LOAD_S:
+                continue
+            told = self._told.get(key)
+            worst = level if told is None or level.is_worse_than(told[0]) else told[0]
+            self._told[key] = worst, now
+            name = f"{worst.quantity} of {worst.part}"
+            self._notices.set(name, say(Found(worst, worst.part)), until=now + _LEVEL_SHOWN_S)
+        self._told = {key: told for key, told in self._told.items() if now - told[1] <= _LEVEL_SHOWN_S}
+        self.passed = tuple([level for level, _ in self._told.values()])
