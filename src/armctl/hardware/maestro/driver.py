@@ -71,7 +71,8 @@ class MaestroDriver(Abilities):
         listed = None if info is None else MaestroModel.from_label(info.kind)
         model = self._model = self._asked_model or listed
         self._transport = transport
-        line = self._opened = MaestroLine(transport, self._timeout_s)
+        multiple = model is not None and model.has_multiple_targets
+        line = self._opened = MaestroLine(transport, self._timeout_s, multiple=multiple)
         try:
             earlier = line.probe()
         except BoardError:
@@ -219,7 +220,7 @@ class MaestroDriver(Abilities):
     def _send_targets(self, quarters: Mapping[int, int]) -> None:
         line = self._maestro
         if quarters:
-            line.set_targets(quarters, multiple=self._model is not None and self._model.has_multiple_targets)
+            line.set_targets(quarters)
 
 
 def channel_table(settings: Sequence[ChannelSettings], model: MaestroModel | None) -> ChannelTable:
@@ -282,12 +283,15 @@ Answer = TypeVar("Answer")
 
 
 class MaestroLine:
-    """A transport with a Maestro at the other end, which answers within ``timeout_s``."""
+    """A transport with a Maestro at the other end, which answers within ``timeout_s``.
 
-    def __init__(self, transport: Transport, timeout_s: float) -> None:
+    ``multiple``: it is known to take Set Multiple Targets.
+    """
+
+    def __init__(self, transport: Transport, timeout_s: float, *, multiple: bool = False) -> None:
         self.name = transport.name
         self._transport = transport
-        self._timeout_s = timeout_s
+        self._timeout_s, self._multiple = timeout_s, multiple
         self.crc = False  # whether the board wants CRCs, known after ``probe``
         self.asked = 0  # how many times the board was asked for something
         self.settled = True  # else the answer to an earlier question may still come
@@ -334,9 +338,9 @@ class MaestroLine:
         _, errors = self._exchange(request, ())
         return errors
 
-    def set_targets(self, quarters: Mapping[int, int], *, multiple: bool) -> None:
+    def set_targets(self, quarters: Mapping[int, int]) -> None:
         """Send targets [quarter µs] by channel in one write."""
-        self._transport.write(codec.set_targets(quarters, crc=self.crc, multiple=multiple))
+        self._transport.write(codec.set_targets(quarters, crc=self.crc, multiple=self._multiple))
 
     def read(
         self, channels: Sequence[int], timeout_s: float | None = None
