@@ -21,6 +21,7 @@ from armctl.documents import write_atomically
 from armctl.facts import State
 from armctl.facts.angles import in_degrees, to_degrees
 from armctl.facts.quantities import NAMES
+from armctl.hardware import BoardIdentity
 from armctl.kinematics import Target
 from armctl.program import Program
 from armctl.protocol import Event, Recording, Snapshot, wall_time
@@ -88,7 +89,8 @@ class BlackBox:
         self._lines: deque[LogLine] = deque(maxlen=_MOST_LINES)
         self._warnings: deque[WarningsLine] = deque(maxlen=_MOST_LINES)
         self._last: Snapshot | None = None
-        self._board = "nothing was connected"
+        self._board: BoardIdentity | None = None
+        """the one that was connected last"""
         self._lock = threading.Lock()
         self._due: Recording | None = None
         self._writer: threading.Thread | None = None
@@ -131,7 +133,7 @@ class BlackBox:
             if snapshot.warnings != (() if before is None else before.warnings):
                 self._warnings.append(WarningsLine(now, snapshot.warnings))
         if snapshot.board is not None:
-            self._board = f"{snapshot.board.title} at {snapshot.board.port}"
+            self._board = snapshot.board
         self._last = snapshot
         if snapshot.state is State.FAULT and before is not None and before.state is not State.FAULT:
             self._save(f"fault: {snapshot.cause}")
@@ -167,13 +169,14 @@ class BlackBox:
             order = np.arange(max(0, self._count - len(self._rows)), self._count) % len(self._rows)
             ticks = self._rows[order]
             commands, lines, warnings = list(self._commands), list(self._lines), list(self._warnings)
+            board = self._board
         first = max(clock, self._began_s) - LENGTH_S
         offset = datetime.fromtimestamp(wall).astimezone().utcoffset()
         return Recording(
             robot=self._robot.name,
             joints=self._robot.joint_names,
             titles=tuple(joint.title for joint in self._robot.joints),
-            board=self._board,
+            board="nothing was connected" if board is None else f"{board.title} at {board.port}",
             period_s=self._period_s,
             why=why,
             wall_s=wall,

@@ -147,6 +147,10 @@ class Board:
             behind = {one: value - are[one] + self._behind.get(one, 0.0) for one, value in were.items()}
             self._behind = behind if any(behind.values()) else {}
         self.map, self._gripper_output = robot.outputs, output
+        self.switches_gripper = bool(output)
+        """whether its gripper is an output: closed while it is on"""
+        self.grips = self._drives_gripper or self.switches_gripper
+        """whether it moves a gripper; that of the arm also where nothing grips with the tool that is on"""
         if changed:
             self._opening = self._closed = None
         return changed
@@ -155,16 +159,6 @@ class Board:
     def catching_up(self) -> bool:
         """Whether outputs are not yet what the weight of the tool that is on asks for."""
         return bool(self._behind)
-
-    @property
-    def grips(self) -> bool:
-        """Whether it moves a gripper; that of the arm also where nothing grips with the tool that is on."""
-        return self._drives_gripper or self.switches_gripper
-
-    @property
-    def switches_gripper(self) -> bool:
-        """Whether that is an output: closed while it is on."""
-        return bool(self._gripper_output)
 
     def configure(self) -> None:
         """Tell the board what each channel may do: one that started anew has forgotten. Moves nothing."""

@@ -35,6 +35,7 @@ class Gate:
     def equip(self, robot: Robot) -> None:
         """The same arm with another tool on: the gripper may be another one."""
         self._robot = robot
+        self._shape = (robot.n,)
         self._limits, self._speeds = robot.limits.tolist(), robot.speed_limits.tolist()
 
     def forget(self) -> None:
@@ -111,10 +112,10 @@ class Gate:
 
     def checked(self, q: FloatArray) -> FloatArray:
         """``q`` (n,) [rad] where it is finite and inside the limits; else ``MotionRefusedError``."""
-        if q.shape == (self._robot.n,) and not self._robot.chain.turn_limits:
+        if q.shape == self._shape and not self._robot.chain.turn_limits:
             inside = zip(self._limits, q.tolist(), strict=True)
             if all([low <= value <= high for (low, high), value in inside]):
                 return q.copy()  # as nearly always, in plain numbers: a tenth of the time
-        if q.shape != (self._robot.n,) or not np.isfinite(q).all():
+        if q.shape != self._shape or not np.isfinite(q).all():
             raise MotionRefusedError(f"a setpoint that is not {self._robot.n} finite angles: {q.tolist()}")
         return self._robot.check_limits(q)

@@ -282,9 +282,8 @@ class GripperMover:
         return self.goal is None and self._ticket is not None
 
     def settle(self) -> None:
-        """Answer the command whose goal is reached."""
-        if self.goal is None:
-            self._answer(None)
+        """Answer the command that has ``arrived``."""
+        self._answer(None)
 
     def advance(self, opening: float | None, dt: float, speed: float) -> float | None:
         """Where it is ``dt`` seconds after ``opening`` at a speed override; None where it stands."""
