@@ -70,13 +70,24 @@ class StepAhead:
         """(n,) by how much more a joint is sent ahead when it turns the other way [rad]; 0: not known yet"""
         self._edges = np.full((2, n), np.nan)
         """(2, n) how far ahead joints are sent to turn to larger angles, and to smaller ones; NaN: unknown"""
+        self._left = np.full((3, n), np.nan)
+        """(3, n) when a step ended early: what was sent, where the arm stood, and the lead before it [rad]"""
 
-    def begin(self, ahead: FloatArray, sense: FloatArray) -> None:
-        """The arm was moved by something else; its setpoints are so far ``ahead`` (n,) [rad].
+    def leave(self, now: Snapshot, lead: FloatArray) -> None:
+        """A step has ended early; before it joints were sent so far ahead: ``lead`` (n,) [rad]."""
+        self._left = np.array([now.q_command, now.q, lead])
+
+    def begin(self, now: Snapshot, sense: FloatArray) -> FloatArray:
+        """The arm was moved by something else; how far ahead its joints are sent now (n,) [rad].
 
         ``sense`` (n,): in which sense its joints turned last, 1 or -1; 0: not known.
         """
+        sent, stood, lead = self._left
+        # it may still press on what it was sent into
+        stays = _is_same(now.q_command, sent) and np.abs(now.q - stood).max() <= _MOVED
+        ahead = lead if stays else now.q_command - now.q
         self._edges = np.where(np.array(_SIDES)[:, None] == sense, ahead, np.nan)
+        return ahead
 
     def wanted(self, way: FloatArray, ahead: FloatArray) -> FloatArray:
         """(n,) how far ahead to send joints that are to turn by ``way`` (n,), and are sent ``ahead`` now."""
@@ -95,6 +106,46 @@ class StepAhead:
         seen = (np.abs(turned) > _MOVED) & ~np.isnan(self._edges).any(axis=0)
         width = self._edges[0] - self._edges[1]
         self.width = np.where(seen & (width > 0.0), width, self.width)
+
+
+class _Motion:
+    """What goes on by clicks, how it ended, and who waits for that."""
+
+    def __init__(self) -> None:
+        self._over = asyncio.Event()
+        self._over.set()
+        self._came = True
+        """whether the last one led where it was to"""
+        self._awaited = False
+
+    @property
+    def goes_on(self) -> bool:
+        """Whether it is not over yet."""
+        return not self._over.is_set()
+
+    async def run(self, lead: Callable[[], Awaitable[bool]]) -> None:
+        """Let ``lead`` move the arm; it says whether that led where it was to."""
+        self._over.clear()
+        self._came = False
+        try:
+            self._came = await lead()
+        finally:
+            self._over.set()
+
+    async def ended(self) -> None:
+        """Wait until none goes on; ``StateError``: it led elsewhere, or somebody waits already."""
+        if not self.goes_on:
+            return
+        if self._awaited:
+            raise StateError("it waits already until the step is done")
+        self._awaited = True
+        try:
+            while self.goes_on:
+                await self._over.wait()
+        finally:
+            self._awaited = False
+        if not self._came:
+            raise StateError("the arm did not come there; look where the tip is, then press again")
 
 
 class ToolSteps:
@@ -118,16 +169,10 @@ class ToolSteps:
         self._on_sheet = False
         self._clicks: list[FloatArray] = []
         """(3,) each, by how far the tool is to go by those that are not solved yet [m]"""
-        self._rests = asyncio.Event()
-        """whether no motion of theirs goes on"""
-        self._rests.set()
-        self._awaited, self._came = False, True
-        """whether somebody waits for that; and whether the last one led where it was to"""
+        self._motion = _Motion()
         self._at, self._sent = np.zeros(n), np.full(n, np.nan)
         """(n,) where the clicks so far lead, and what was sent for that [rad]"""
         self._ahead = StepAhead(n)
-        self._left = self._sent, self._sent, self._sent
-        """(n,) what was sent and where the arm stood when a step ended early, and the lead before it [rad]"""
         self._rows = [gui.add_button_group(label, tuple(_STEPS_MM)) for label in _BASE_ROWS]
         for axis, row in enumerate(self._rows):
             session.needs(self.need, row, told=False)
@@ -143,22 +188,11 @@ class ToolSteps:
     @property
     def stepping(self) -> bool:
         """Whether the arm still moves by clicks, or is looked at whether it came there."""
-        return not self._rests.is_set()
+        return self._motion.goes_on
 
     async def settled(self) -> None:
         """Wait until it does not; ``StateError``: it did not come there, or somebody waits already."""
-        if not self.stepping:
-            return
-        if self._awaited:
-            raise StateError("it waits already until the step is done")
-        self._awaited = True
-        try:
-            while self.stepping:
-                await self._rests.wait()
-        finally:
-            self._awaited = False
-        if not self._came:
-            raise StateError("the arm did not come there; look where the tip is, then press again")
+        await self._motion.ended()
 
     async def _on_step(self, axis: int, row: viser.GuiButtonGroupHandle) -> None:
         await self.step(_STEPS_MM[row.value] / 1000 * _axes(self._heading())[axis])
@@ -178,13 +212,10 @@ class ToolSteps:
         self._clicks.append(step_m)
         if self.stepping:  # whoever moves the arm takes it along
             return
-        self._rests.clear()
-        self._came = False
         try:
-            self._came = await self._step()
+            await self._motion.run(self._step)
         finally:
             self._clicks = []
-            self._rests.set()
 
     async def _step(self) -> bool:
         """Go where the clicks lead, those that come meanwhile too; whether the tool has come there."""
@@ -193,10 +224,7 @@ class ToolSteps:
         first = now.q_command - now.q
         if not self._is_where_sent(now):
             self._at, self._sent = now.q if measures else now.q_command, now.q_command
-            sent, stood, lead = self._left
-            if _is_same(now.q_command, sent) and np.abs(now.q - stood).max() <= _MOVED:
-                first = lead  # it may still press on what it was sent into
-            self._ahead.begin(first, np.array(self._sense()))
+            first = self._ahead.begin(now, np.array(self._sense()))
         begin = now.q
         while self._clicks:
             before = self._at
@@ -209,8 +237,8 @@ class ToolSteps:
                     came = await self._send(self._sent + goal - before)
             finally:
                 if not came:  # what is missing is not made good by the next click
-                    now = self._session.snapshot
-                    self._left, self._sent = (now.q_command, now.q, first), np.full(len(goal), np.nan)
+                    self._ahead.leave(self._session.snapshot, first)
+                    self._sent = np.full(len(goal), np.nan)
             if not came:
                 return False
             first = self._sent - self._session.snapshot.q
