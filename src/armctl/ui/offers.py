@@ -50,6 +50,8 @@ class Offer:
     """where it is told why they cannot be used; None: nowhere"""
     anyone: bool
     """pages that watch may use them, whatever the arm does"""
+    why: str | Reason | None = None
+    """why they cannot be used, as it was drawn last; None: they can"""
     _off: bool | None = None
     """whether they cannot be used, as they show it; None: nobody has told them yet"""
     _told: str | Reason | None = None
@@ -66,7 +68,7 @@ class Offer:
         why: str | Reason | None = None if self.anyone else why_not(arm)
         if why is None and self.also is not None:
             why = self.also(snapshot)
-        off = why is not None
+        self.why, off = why, why is not None
         if off is not self._off:  # nobody else enables or disables them
             self._off = off
             for control in self.controls:

@@ -182,7 +182,7 @@ class Session:
         also: Callable[[Snapshot], str | Reason | None] | None = None,
         told: bool = True,
         anyone: bool = False,
-    ) -> None:
+    ) -> Offer:
         """Disable controls while they would be refused, and say why below them, in the present container.
 
         ``arm``: what they need of the arm, or need now; None: only that this page operates. ``also``: why
@@ -193,6 +193,7 @@ class Session:
         offer = Offer(controls, arm, also, LiveHtml(self.gui, NO_REASON) if told else None, anyone)
         self._offers.append(offer)
         self._draw_offers((offer,), self.snapshot)
+        return offer
 
     def why_not(self, arm: Need | None, snapshot: Snapshot) -> str | None:
         """Why what needs this of the arm is refused on this page now, and what to do; None: it is not."""

@@ -72,7 +72,7 @@ class TrajectoryScreen:
         with button_pairs(gui):
             show = gui.add_button("Show", icon=viser.Icon.CHART_LINE)
             self._run = gui.add_button("Run", icon=viser.Icon.PLAYER_PLAY)
-            session.needs(Need.HOLDING, self._run, also=self._not_run, told=False)
+            self._offer = session.needs(Need.HOLDING, self._run, also=self._not_run, told=False)
         self._told = LiveHtml(gui)
         """that it plans, or why *Run* is off; its line stays, so the buttons do not move"""
         self._verdict = LiveHtml(gui, visible=False)
@@ -97,7 +97,7 @@ class TrajectoryScreen:
         self._motion_box.visible = self._run.visible = not study
         self._verdict.visible = not study and self._judged
         stale = self._out_of_date(snapshot)
-        self._told.show(self._status(snapshot, stale))
+        self._told.show(self._status(stale))
         freer = None if stale or self._planned is None else self._planned.freer
         self._freer.visible = freer is not None and not study
         if freer is not None:
@@ -105,15 +105,14 @@ class TrajectoryScreen:
         self._preview.refresh(snapshot.q_command)
         self._graphs.refresh()
 
-    def _status(self, snapshot: Snapshot, stale: str) -> str:
+    def _status(self, stale: str) -> str:
         if self._planning:
             return "<b>Planning …</b>"
         if stale:
             return warned(f"{stale}: press Show.")
         if self._form.is_study:
             return EMPTY_LINE
-        why = self._session.why_not(Need.HOLDING, snapshot) or self._not_run(snapshot)
-        return muted(sentence(why)) if why else EMPTY_LINE
+        return EMPTY_LINE if self._offer.why is None else muted(sentence(self._offer.why))
 
     def _out_of_date(self, snapshot: Snapshot) -> str:
         """Why what is shown has to be planned anew; empty where it need not be."""
