@@ -20,11 +20,12 @@ from armctl.lazy_dataclass import dataclass
 
 _COMMENT = re.compile(r"\([^()]*\)|[;%].*|\*[0-9]+\s*(?=$|[;(])")
 """and the sum at the end of a line by which a machine checks it"""
-_WORD = re.compile(r"\s*([A-Za-z])\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))")
-_HOMES, _BARE_AXIS = re.compile(r"[Gg]\s*(28|30)(?![0-9.])"), re.compile(r"([XYZxyz])\s*(?=[A-Za-z]|$)")
+_WORD = re.compile(r"\s*([A-Za-z])\s*(?:([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))|(?=[A-Za-z]|$))")
+"""a letter and its number, or a bare letter"""
 _MOTIONS = {0.0: 0, 1.0: 1, 2.0: 2, 3.0: 3}
 _PASSED_OVER_G = (17.0, 40.0, 49.0, 54.0, 61.0, 64.0, 80.0, 94.0)
 _WAITS_G, _SETS_ORIGIN_G, _GOES_HOME_G = 4.0, 92.0, (28.0, 30.0)
+_HOMES = re.compile(rf"[Gg]\s*({'|'.join(f'{code:g}' for code in _GOES_HOME_G)})(?![0-9.])")
 _PASSED_OVER_M = (0.0, 1.0, 2.0, 6.0, 7.0, 8.0, 9.0, 30.0)
 _ENDS = (2.0, 30.0)
 _LETTERS = "GMXYZIJRFSTNOPK"
@@ -107,16 +108,17 @@ def read_gcode(text: str) -> PenDrawing:
 
 def _words(line: str) -> list[tuple[str, float]]:
     words: list[tuple[str, float]] = []
-    if _HOMES.search(line):
-        line = _BARE_AXIS.sub(r"\g<1>0 ", line)
+    bare = "XYZ" if _HOMES.search(line) else ""
     at = 1 if line.startswith("/") else 0
     while match := _WORD.match(line, at):
-        letter = match[1].upper()
+        letter, number = match[1].upper(), match[2] or "0"
+        if match[2] is None and letter not in bare:
+            break
         if letter not in _LETTERS:
             raise DrawingError(f"the word {match[0].strip()[:20]!r} is not known here")
-        if len(match[2]) > 20:
+        if len(number) > 20:
             raise DrawingError(f"the number of {letter} is too long")
-        words.append((letter, float(match[2])))
+        words.append((letter, float(number)))
         at = match.end()
     if line[at:].strip():
         raise DrawingError(f"{line[at:].strip()[:20]!r} is no word of G-code")
