@@ -7,8 +7,8 @@ import logging
 import os
 import socket
 import struct
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from typing import Protocol
 from urllib.parse import urlsplit
 
@@ -112,22 +112,18 @@ class SerialTransport:
         Then what the system still holds of it is dropped, also what was written before: a board that goes on
         later must not get old setpoints.
         """
-        try:
-            self._serial.write(data)
-        except serial.SerialTimeoutException as error:
+        with self._translated("writing to"):
             try:
+                self._serial.write(data)
+            except serial.SerialTimeoutException as error:
                 self._drop_unsent()
-            except _LINE_ERRORS as lost:
-                raise self._gone("writing to", lost) from lost
-            raise BoardTimeoutError(
-                f"{self.name}: the board takes no more bytes; unplug it, plug it in again and reconnect"
-            ) from error
-        except _LINE_ERRORS as error:
-            raise self._gone("writing to", error) from error
+                raise BoardTimeoutError(
+                    f"{self.name}: the board takes no more bytes; unplug it, plug it in again and reconnect"
+                ) from error
 
     def read(self, count: int, timeout_s: float) -> bytes:
         """Return ``count`` bytes, or the fewer that came within ``timeout_s``."""
-        try:
+        with self._translated("reading from"):
             if timeout_s == 0.0 and not self.name.startswith(_NETWORK):  # whose system counts no bytes
                 waiting = min(count, self._serial.in_waiting)
                 return self._serial.read(waiting) if waiting else b""
@@ -136,15 +132,11 @@ class SerialTransport:
                 self._serial.timeout = timeout_s
                 self._timeout_s = timeout_s
             return self._serial.read(count)
-        except _LINE_ERRORS as error:
-            raise self._gone("reading from", error) from error
 
     def discard_input(self) -> None:
         """Forget everything received and not yet read."""
-        try:
+        with self._translated("clearing the input of"):
             self._serial.reset_input_buffer()
-        except _LINE_ERRORS as error:
-            raise self._gone("clearing the input of", error) from error
 
     def close(self) -> None:
         """Close the port. Never raises, also after an unplug."""
@@ -157,12 +149,17 @@ class SerialTransport:
         else:
             self._serial.reset_output_buffer()
 
-    def _gone(self, action: str, error: Exception) -> BoardError:
-        _LOGGER.info("%s the port %s failed: %s", action, self.name, _reason(error))
-        return BoardError(
-            f"{self.name}: the line to the board is gone: was the board unplugged, or its power lost? "
-            "Check the cable and the power, then connect again"
-        )
+    @contextmanager
+    def _translated(self, action: str) -> Generator[None]:
+        """What the system says of a line that is gone, as ``BoardError``."""
+        try:
+            yield
+        except _LINE_ERRORS as error:
+            _LOGGER.info("%s the port %s failed: %s", action, self.name, _reason(error))
+            raise BoardError(
+                f"{self.name}: the line to the board is gone: was the board unplugged, or its power lost? "
+                "Check the cable and the power, then connect again"
+            ) from error
 
 
 def _check_address(port: str) -> None:
