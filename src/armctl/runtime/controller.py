@@ -255,8 +255,8 @@ class Controller:
         """Make the snapshot: everything that the outside may know, as it is now."""
         core = self._core
         q, board, sample = core.gate.q, core.board, core.setpoint
-        still = np.zeros(core.robot.n)
         reading = core.monitor.reading
+        still = np.zeros_like(reading.q)
         homing: tuple[AxisHoming, ...] = ()
         if board is not None and reading.homing is not None:
             running = reading.homing.running

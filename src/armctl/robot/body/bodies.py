@@ -62,7 +62,7 @@ class Bodies(ArrayRecord):
         rows = enumerate(self.look.rows)
         return tuple(piece for i, row in rows for piece in self.drawing.pieces(i, row))
 
-    @property
+    @cached_property
     def opens(self) -> bool:
         """Whether the body depends on the opening of the gripper."""
         return self._solids is not None and self._solids.opens
