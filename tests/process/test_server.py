@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
 import re
 import threading
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -51,9 +53,11 @@ from armctl.process.records import (
     Trust,
     Welcome,
 )
+from armctl.process.server import Server
 from armctl.program import MoveStep, Program, WaitStep
 from armctl.protocol import (
     Arrive,
+    Event,
     LockControl,
     MoveGripper,
     MoveJoints,
@@ -105,6 +109,27 @@ def refusal(line: Any, codec: Codec) -> str:
                 said = record.error
     line.close()
     return said
+
+
+def test_at_a_fast_tick_clients_see_50_moments_of_a_motion_a_second_and_all_else_at_once(
+    operator: Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    moving = replace(operator.snapshot, state=State.MOVING, busy=True, stamp=10.0)
+
+    async def told(*changes: dict[str, Any]) -> list[bool]:
+        """Whether clients are woken by each of these ticks, 10 ms from one to the next."""
+        server, woken = Server(SECRET), list[object]()
+        monkeypatch.setattr(asyncio.get_running_loop(), "call_soon_threadsafe", woken.append)
+        seen = list[int]()
+        for k, change in enumerate(changes):
+            server.tell(replace(moving, stamp=10.0 + 0.01 * k, **change))
+            seen.append(len(woken))
+        return [after > before for before, after in zip([0, *seen], seen, strict=False)]
+
+    assert asyncio.run(told({}, {}, {}, {}, {})) == [True, False, True, False, True]
+    paused, still = {"state": State.PAUSED}, {"state": State.HOLDING, "busy": False}
+    assert asyncio.run(told({}, paused, paused, still, still)) == [True, True, False, True, True]
+    assert asyncio.run(told({}, {"events": (Event(10.0, "info", "step 2"),)})) == [True, True]
 
 
 @pytest.mark.parametrize("json", [False, True], ids=["msgpack", "json"])

@@ -37,7 +37,6 @@ _BESIDE_STATE = {
     "velocity_command",
     "acceleration_command",
     "program",
-    "measured",
     "quantities",
     "limits",
     "unreachable",

@@ -165,7 +165,7 @@ class Link:
             q=unknown, commanded=False, program=None,
             velocity_command=still, acceleration_command=still, homing=(), warnings=(), told_by_cause=(),
             awaited=(), stopped=None,
-            measured={}, quantities={}, levels=(), inputs={}, outputs={}, edges={}, limp=(),
+            quantities={}, levels=(), inputs={}, outputs={}, edges={}, limp=(),
         )  # fmt: skip
 
     @property

@@ -50,8 +50,9 @@ _GONE_S = 30.0
 """A client that gives no sign of life for so long is shut out: there is room for a number of them only."""
 _CLOSING_S = 12.0
 """how long bringing the arm to rest and closing its line may take; a client waits for 15 s"""
-_AT_REST_S, _SETTLED_S = 0.2, 1.0
-"""how often clients are told of an arm that stands as before, so long after it moved; else every tick"""
+_AT_REST_S, _SETTLED_S, _SEEN_S = 0.2, 1.0, 0.012
+"""how often clients are told of an arm that stands as before, so long after it moved; and of one that moves,
+where that alone is new: every tick of the usual 50 a second, and no more often than the board is read"""
 
 
 class Server:
@@ -97,13 +98,11 @@ class Server:
         told, now = self._told, snapshot.stamp
         if snapshot.busy:
             self._moved_at = now
-        if (
-            told is not None
-            and now - self._moved_at > _SETTLED_S
-            and now - told.stamp < _AT_REST_S
-            and stands_as_before(snapshot, told)
-        ):
-            return
+        if told is not None:
+            moves_on = snapshot.busy and snapshot.state is told.state and snapshot.events is told.events
+            stands = now - self._moved_at > _SETTLED_S and stands_as_before(snapshot, told)
+            if now - told.stamp < (_SEEN_S if moves_on else _AT_REST_S if stands else 0.0):
+                return
         self._told = snapshot
         with suppress(RuntimeError):  # the loop has ended
             self._loop.call_soon_threadsafe(self._wake_clients)

@@ -42,5 +42,5 @@ class SnapshotWriter:
 _FIELDS = tuple(one.name for one in fields(Snapshot))
 _VALUES = attrgetter(*_FIELDS)
 _SELDOM_NEW = (
-    "board", "control", "homing", "last_pose", "levels", "limits", "measured", "quantities", "warnings",
+    "board", "control", "homing", "last_pose", "levels", "limits", "quantities", "warnings",
 )  # fmt: skip

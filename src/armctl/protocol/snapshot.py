@@ -319,8 +319,6 @@ class Snapshot:
     """who says this is not the arm itself: its process is gone, or does not answer"""
     part_mm: tuple[float, float, float] | None = None
     """edges of the part that the gripper carries, along x, y and z of the tool [mm]; None: nothing"""
-    measured: Mapping[str, str] = field(default_factory=dict[str, str])
-    """``quantities`` in words"""
     quantities: Mapping[str, Quantities] = field(default_factory=dict[str, Quantities])
     """by title of a joint: load, temperature, voltage and current, as far as the board measures them"""
     limits: Mapping[str, QuantityLimits] = field(default_factory=dict[str, QuantityLimits])
@@ -358,6 +356,11 @@ class Snapshot:
         """Why what needs this of the arm would be refused now; None: it would not."""
         homed, connected = all(axis.homed for axis in self.homing), self.board is not None
         return unmet(need, self.state, connected=connected, homed=homed, doing=self.doing, limp=self.limp)
+
+    @property
+    def measured(self) -> dict[str, str]:
+        """``quantities`` in words."""
+        return {title: str(one) for title, one in self.quantities.items()}
 
     @property
     def more_warnings(self) -> tuple[str, ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from concurrent.futures import Executor
 from pathlib import Path
 from typing import ParamSpec
@@ -12,7 +12,6 @@ from typing import ParamSpec
 import numpy as np
 
 from armctl.errors import ArmctlError, InputError, StateError
-from armctl.facts import Quantities
 from armctl.facts.commands import Stopped
 from armctl.hardware import Driver
 from armctl.protocol import (
@@ -97,8 +96,6 @@ class Controller:
         self._tick = 0
         self._pace = self._period
         """the time from tick to tick now [s]"""
-        self._measured: tuple[Mapping[str, Quantities], Mapping[str, str]] = ({}, {})
-        """what the last reading measured, and the same in words"""
         self._closing = threading.Event()
         self._closed = False
         self._ended = threading.Event()
@@ -264,9 +261,6 @@ class Controller:
                 AxisHoming(board.title(channel), homed, channel == running)
                 for channel, homed in reading.homing.homed.items()
             )
-        if reading.quantities is not self._measured[0]:
-            words = {title: str(one) for title, one in reading.quantities.items()}
-            self._measured = reading.quantities, words
         warnings, told, awaited = core.notices.current(now)
         self._snapshot = Snapshot(
             stamp=now,
@@ -297,7 +291,6 @@ class Controller:
             last_stop=core.last_stop,
             events=core.log.events,
             last_pose=core.poses.last,
-            measured=self._measured[1],
             quantities=reading.quantities,
             limits=reading.limits,
             levels=core.monitor.levels.passed,

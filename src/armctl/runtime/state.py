@@ -142,7 +142,7 @@ class ArmState:
     def standing_at(self, q: FloatArray) -> FloatArray:
         """``q`` (n,) [rad], the last setpoint, with limp joints where a hand has led them."""
         board, measured = self.board, self.monitor.reading
-        if board is None or not board.limp.any() or measured.source is not Source.MEASURED:
+        if board is None or not board.limp_titles or measured.source is not Source.MEASURED:
             return q.copy()
         return np.where(board.limp & ~np.isnan(measured.q), measured.q, q)
 

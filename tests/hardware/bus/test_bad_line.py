@@ -109,3 +109,25 @@ def test_random_trouble_on_the_line_never_makes_an_arm_jump(name: str, part: int
             raise AssertionError(seed) from error
         befell += bad.befell
     assert befell.total() > 0.1 * RUNS * TICKS
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("echo", [False, True], ids=["", "echo"])
+def test_answers_of_all_servos_are_awaited_at_once(
+    name: str, echo: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each wait for a piece of them would cost the computer what a tenth of a tick costs."""
+    arm, board = BusBench(ROBOTS[name], {"echo": echo}).open(), board_type(ROBOTS[name].board)
+    assert isinstance(board, BusBoard)
+    read, waits = arm.line.read, list[tuple[int, int]]()
+
+    def noted(count: int, timeout_s: float) -> bytes:
+        data = read(count, timeout_s)
+        if timeout_s:
+            waits.append((count, len(data)))
+        return data
+
+    monkeypatch.setattr(arm.line, "read", noted)
+    arm.driver.read()
+    assert all(asked == came > len(arm.ids) for asked, came in waits)
+    assert len(waits) == (2 if board.make().in_turn else 1)

@@ -53,6 +53,7 @@ class BusLine:
         """``timeout_s``: how long an answer may take beside its bytes, which take theirs at ``baud``."""
         self.form, self.timeout_s, self._byte_s = form, timeout_s, _BITS_OF_A_BYTE / baud
         self._transport, self._now = transport, now
+        self._status_bytes = len(form.status(BusPacket(0, 0)))
         self._reader = PacketReader(form, status=True)
         self.echoes = False
         """whether the adapter sends back what it is sent"""
@@ -94,17 +95,19 @@ class BusLine:
         echo = bytearray(request) if self.echoes else bytearray()
         answers: dict[int, BusPacket] = {}
         silent_s, limit_s = 0.0, self.timeout_s if timeout_s is None else timeout_s
-        answer_bytes = len(servos) * (self.form.shortest + (_INTRODUCTION if size is None else size))
-        limit_s += self._byte_s * (len(request) * (2 if self.echoes else 1) + answer_bytes)
+        due = len(echo) + len(servos) * (self._status_bytes + (size or 0))  # at the least
+        longest = due + (_INTRODUCTION * len(servos) if size is None else 0)
+        limit_s += self._byte_s * (len(request) + longest)
         while servos[-1] not in answers:  # they answer in their order: who is before the last is lost then
             left = min(asked_at + limit_s - self._now(), limit_s - silent_s)
             if left <= 0.0:
                 break
-            data = self._transport.read(1, min(_STEP_S, left))
+            data = self._transport.read(max(1, due), min(_STEP_S, left))  # at once: each read costs
             if not data:  # counted as well as timed: the clock of a simulation may stand still
                 silent_s += min(_STEP_S, left)
                 continue
             data += self._transport.read(_CHUNK, 0.0)
+            due -= len(data)
             for packet in self._reader.feed(_without_echo(data, echo)):
                 if self.echoes and self.form.instruction(packet) == request:  # an echo behind a late answer
                     continue

@@ -44,8 +44,6 @@ class PacketForm(ABC):
 
     head: bytes
     """how each begins"""
-    shortest: int
-    """bytes of the shortest packet"""
     sync_reads = True
     """whether several servos can be asked for the same at once"""
     word: int

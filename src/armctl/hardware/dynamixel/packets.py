@@ -22,7 +22,6 @@ class DynamixelForm(PacketForm):
     """
 
     head = b"\xff\xff\xfd\x00"
-    shortest = 10
     word = 2
 
     def instruction(self, packet: BusPacket) -> bytes:

@@ -16,7 +16,6 @@ class FeetechForm(PacketForm):
     """
 
     head = b"\xff\xff"
-    shortest = 6
     word = 1
 
     def __init__(self, *, sync_reads: bool = True) -> None:
