@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 
 import msgspec
@@ -16,7 +18,7 @@ from armctl.arrays import FloatArray
 from armctl.drawing import DrawingPlane, PenDrawing
 from armctl.drawing.pen_path import pen_paths, stroke_line
 from armctl.drawing.plan import DrawingPlan, DrawnPart, distances, plan_drawing
-from armctl.drawing.strokes import ordered, pen_up_mm
+from armctl.drawing.strokes import Stroke, ordered
 from armctl.drawing.svg import read_svg
 from armctl.errors import DrawingError, MotionRefusedError, ProgramError
 from armctl.facts import State, StrokeLeftOut
@@ -150,6 +152,13 @@ def test_a_whole_stroke_left_out_says_no_places() -> None:
 
 
 # Strokes and the plane.
+
+
+def pen_up_mm(strokes: Sequence[Stroke]) -> float:
+    """The way of the lifted pen from stroke to stroke [mm]."""
+    return sum(
+        float(np.linalg.norm(after.points[0] - before.points[-1])) for before, after in pairwise(strokes)
+    )
 
 
 @given(st.lists(st.tuples(*[st.floats(-50, 50)] * 4), min_size=1, max_size=12))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import struct
 import subprocess
 import sys
@@ -32,7 +31,6 @@ from armctl.robot.body.meshes import read_mesh, solid_of
 from armctl.robot.parts import Shape
 from armctl.robot.robot import Robot
 from armctl.robot.solids import Solid, block, decimated, grown, tube, welded
-from armctl.ui.scene.arm_model import drawn_solids
 
 
 def posed(
@@ -225,20 +223,6 @@ def test_an_arm_has_so_many_triangles_and_points(monkeypatch: pytest.MonkeyPatch
             solids.solid_of(box)
     triangles = np.random.default_rng(1).uniform(-1, 1, (1000, 3, 3))
     assert len(_points_on(triangles, 0.03)) <= 200_000 + 3000
-
-
-def test_a_mesh_that_changed_is_drawn_anew(tmp_path: Path) -> None:
-    path = tmp_path / "box.stl"
-    shapes = (Shape("mesh", (1.0, 1.0, 1.0), np.eye(4), str(path)),)
-    assert drawn_solids(shapes) == ()
-    sizes: list[int] = []
-    for solid in (BOX, welded(posed(block((0.3, 0.04, 0.02)), (0, 0, 0)))):
-        path.write_bytes(binary_stl(solid))
-        os.utime(path, ns=(10**18, 10**18 + len(sizes)))
-        ((_, _, drawn),) = drawn_solids(shapes)
-        assert drawn_solids(shapes)[0][2] is drawn
-        sizes.append(round(1000 * float(np.ptp(drawn.vertices, axis=0).max())))
-    assert sizes[0] != sizes[1] == 300
 
 
 def test_a_coarser_mesh_keeps_its_shape() -> None:

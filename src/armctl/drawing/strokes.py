@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -143,12 +142,6 @@ def ordered(strokes: Sequence[Stroke]) -> tuple[Stroke, ...]:
         strokes[k].turned if turns else strokes[k]
         for k, turns in zip(order.tolist(), turned.tolist(), strict=True)
     )
-
-
-def pen_up_mm(strokes: Sequence[Stroke]) -> float:
-    """The way of the lifted pen from stroke to stroke [mm]."""
-    jumps = [after.points[0] - before.points[-1] for before, after in pairwise(strokes)]
-    return float(np.linalg.norm(jumps, axis=1).sum()) if jumps else 0.0
 
 
 def _improved(

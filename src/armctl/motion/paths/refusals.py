@@ -65,8 +65,6 @@ class PathPlace:
     """index of the joint that cannot do what it would have to"""
     needed: float | None = None
     """the angle farthest beyond its limits that it would need on the rest of the curve [rad]"""
-    needed_s: float | None = None
-    """where it would need that: way gone [m]"""
 
 
 class _PlacedError(ArmctlError):
@@ -229,7 +227,7 @@ def limit_refusal(tried: Attempt, path: PiecewisePolynomial, s: float, k: int) -
     robot, curve = tried.robot, tried.curve
     beyond = _beyond_limits(robot, path)
     worst = max((one for one in beyond if one.joint == k), key=lambda one: one.excess)
-    place = PathPlace(s, s / curve.length, curve.positions(s), k, worst.angle, worst.s)
+    place = PathPlace(s, s / curve.length, curve.positions(s), k, worst.angle)
     at = float(path(s)[k])
     limit = min(robot.limits[k].tolist(), key=lambda bound: abs(bound - at))
     needs = tuple(_needed(tried, path, one) for one in beyond)
