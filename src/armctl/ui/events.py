@@ -13,9 +13,10 @@ from typing import Any, Literal, Protocol, TypeVar
 import viser
 
 from armctl.apart import GIVEN_UP
+from armctl.errors import ArmctlError
 from armctl.facts.commands import Stopped
 from armctl.lazy_dataclass import dataclass
-from armctl.protocol import Origin
+from armctl.protocol import Origin, Ticket
 from armctl.ui.viser_seam import id_of_notification
 
 Action = Callable[[], Awaitable[object] | None]
@@ -50,6 +51,15 @@ class LastStop:
         # That of a page may have been pressed before, and have come to the arm since.
         known = before.page is not None and before.page.who == self.by.by
         return None if known else self.by
+
+
+async def came_to_end(ticket: Ticket) -> bool:
+    """Wait for a motion; whether it came to its end. The session tells why it did not."""
+    try:
+        await asyncio.wrap_future(ticket.finished)
+    except ArmctlError:
+        return False
+    return True
 
 
 class Newest:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import math
 from collections.abc import Callable
 from functools import partial
@@ -11,7 +10,7 @@ import numpy as np
 import viser
 
 from armctl.arrays import FloatArray
-from armctl.errors import ArmctlError, InputError, MotionRefusedError, out_of_range
+from armctl.errors import InputError, MotionRefusedError, out_of_range
 from armctl.facts import Need
 from armctl.facts.angles import DEGREE, to_degrees
 from armctl.hardware import Source
@@ -19,6 +18,7 @@ from armctl.hardware.boards import board_type
 from armctl.kinematics import roll_pitch_yaw
 from armctl.protocol import MoveJoints, Snapshot
 from armctl.robot import Robot
+from armctl.ui.events import came_to_end
 from armctl.ui.next_pose import PoseWriter
 from armctl.ui.session import Session
 from armctl.ui.widgets.angle_fields import held_at, slider_degrees, slider_limits
@@ -266,11 +266,8 @@ class JointStepper:
             reached = self._goal
             way = reached - self._session.snapshot.q_command
             duration_s = None if self._duration_s is None else self._duration_s(way)
-            ticket = await self._session.submit(MoveJoints(reached, duration_s))
-            try:
-                await asyncio.wrap_future(ticket.finished)
-            except ArmctlError:  # stopped or broken: the session tells, and later clicks start afresh
-                return
+            if not await came_to_end(await self._session.submit(MoveJoints(reached, duration_s))):
+                return  # later clicks start afresh
 
 
 _SLOW_RAD_S, _SLOW_FRACTION, _SHORTEST_S = 10.0 * DEGREE, 0.15, 0.3

@@ -26,6 +26,7 @@ from armctl.hardware import Source
 from armctl.protocol import MoveJoints, Snapshot
 from armctl.robot import Robot
 from armctl.ui.dragged_tool import dragged_to
+from armctl.ui.events import came_to_end
 from armctl.ui.session import Session
 from armctl.ui.tabs.manual.joints import slow_duration
 from armctl.ui.widgets.html import LiveHtml, muted, numbers
@@ -321,12 +322,8 @@ class ToolSteps:
         """Go to ``q`` (n,) [rad]; whether the arm came there, or was stopped."""
         self._sent = np.clip(q, *self._session.held.limits.T)
         way = self._sent - self._session.snapshot.q_command
-        ticket = await self._session.submit(MoveJoints(self._sent, slow_duration(self._session.held, way)))
-        try:
-            await asyncio.wrap_future(ticket.finished)
-        except ArmctlError:  # the session tells
-            return False
-        return True
+        move = MoveJoints(self._sent, slow_duration(self._session.held, way))
+        return await came_to_end(await self._session.submit(move))
 
     def _show_moved(self, begin: FloatArray) -> None:
         tips = [self._session.held.forward(q)[:3, 3] for q in (begin, self._session.snapshot.q)]

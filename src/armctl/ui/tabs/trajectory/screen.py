@@ -24,7 +24,7 @@ from armctl.motion.analysis import (
     report_csv,
 )
 from armctl.protocol import Follow, MoveJoints, RunProgram, Snapshot, Ticket
-from armctl.ui.events import Newest
+from armctl.ui.events import Newest, came_to_end
 from armctl.ui.scene.ghost import Preview
 from armctl.ui.session import Session
 from armctl.ui.tabs.trajectory.graphs import GraphView
@@ -183,7 +183,7 @@ class TrajectoryScreen:
             return
         start = planned.trajectory.start
         if float(np.abs(start - self._session.snapshot.q_command).max()) > _MOVED:
-            came_there = await finished(await self._session.submit(MoveJoints(start)))
+            came_there = await came_to_end(await self._session.submit(MoveJoints(start)))
             if not came_there:
                 return
         ticket = await self._session.submit(Follow(planned.trajectory))
@@ -249,12 +249,12 @@ class ReportView:
         if self._planned is planned:
             self._applied_summary.show(muted("Applied: recording …"))
         readings, source = await self._read_back(ticket)
-        came_to_end = await finished(ticket)
+        ended = await came_to_end(ticket)
         if self._session.closed or self._planned is not planned or planned.points is None:
             return
-        if not came_to_end or len(readings) == 0:
+        if not ended or len(readings) == 0:
             stopped = "the path did not come to its end, so there is no report"
-            why = "the board read nothing back" if came_to_end else stopped
+            why = "the board read nothing back" if ended else stopped
             self._applied_summary.show(muted(f"Applied: {why}."))
             return
         path = planned.robot.forward(readings)[:, :3, 3]
@@ -300,15 +300,6 @@ class ReportView:
         if self._theory is None:
             raise InputError("there is no error report: choose a line or an arc and press Show")
         self._session.download("errors.csv", report_csv(self._theory, self._applied))
-
-
-async def finished(ticket: Ticket) -> bool:
-    """Whether a motion came to its end; the session tells why it did not."""
-    try:
-        await asyncio.wrap_future(ticket.finished)
-    except ArmctlError:
-        return False
-    return True
 
 
 def theoretical(planned: PlannedMotion) -> tuple[ErrorReport, str]:
