@@ -128,7 +128,8 @@ class MaestroDriver(Abilities):
         # Get Position of an input tells its voltage, of an output what it was set to.
         quarters = {one.name: codec.us_to_quarters(us) if (us := told[one.channel]) else 0 for one in every}
         outputs = {one.name: quarters[one.name] >= HIGH_FROM for one in self._signals.outputs}
-        self._insist_on(outputs)
+        if self._unsure:
+            self._insist_on(outputs)
         errors |= self._unreported
         self._unreported = MaestroErrors(0)
         asked = line.asked - asked_before
