@@ -133,6 +133,12 @@ class JoinedTrajectory(KnowsPeaks):
         self.starts_at = np.concatenate([[0.0], self._ends[:-1]])
         """(k,) when each part starts [s]"""
         self.duration = float(self._ends[-1])
+        last = len(parts) - 1
+        self._own_times: list[tuple[float, float]] = [
+            (-np.inf if k == 0 else 0.0, np.inf if k == last else part.duration)
+            for k, part in enumerate(parts)
+        ]
+        """between which of its own times each part is sampled: no rounding may carry it over a seam"""
 
     def made_of(self) -> tuple[tuple[Trajectory, ...]]:
         """See ``ByContent``."""
@@ -154,28 +160,18 @@ class JoinedTrajectory(KnowsPeaks):
     def sample(self, t: float | FloatArray) -> Sample:
         """State at ``t`` [s], a number or (k,); outside the duration it holds the nearer end."""
         if type(t) is float and math.isfinite(t):
-            return self._sample_at(t)
+            k = min(int(self._ends.searchsorted(t)), len(self.parts) - 1)
+            low, high = self._own_times[k]
+            return self.parts[k].sample(min(max(t - float(self.starts_at[k]), low), high))
         time = as_times(t)
         which = np.minimum(np.searchsorted(self._ends, time, side="left"), len(self.parts) - 1)
         q, velocity, acceleration, jerk = np.empty((4, *time.shape, len(self.start)))
-        for k in np.unique(which).tolist():
-            here = which == k
-            # a rounding must not carry the time over a seam: beyond, a part stands
-            low = -np.inf if k == 0 else 0.0
-            high = np.inf if k == len(self.parts) - 1 else self.parts[k].duration
+        for k in map(int, np.unique(which)):
+            here, (low, high) = which == k, self._own_times[k]
             part = self.parts[k].sample(np.clip(time[here] - self.starts_at[k], low, high))
             q[here], velocity[here] = part.q, part.velocity
             acceleration[here], jerk[here] = part.acceleration, part.jerk
         return Sample(q, velocity, acceleration, jerk)
-
-    def _sample_at(self, t: float) -> Sample:
-        k = min(int(self._ends.searchsorted(t)), len(self.parts) - 1)
-        local = t - float(self.starts_at[k])
-        if k > 0:
-            local = max(local, 0.0)
-        if k < len(self.parts) - 1:
-            local = min(local, self.parts[k].duration)
-        return self.parts[k].sample(local)
 
 
 def joined_peaks(peaks: Sequence[Peaks]) -> Peaks:
