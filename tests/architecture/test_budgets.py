@@ -18,7 +18,7 @@ FOLDERS = {
     ".": (18, 3_700),  # points in a user frame; every start a third of a second sooner (lazy_dataclass)
     "calibration": (13, 3_060),  # touched points as a file and over a restart, the tool point
     "cli": (15, 3_200),
-    "drawing": (11, 2_130),
+    "drawing": (15, 2_600),  # text is written, as outlines of its letters
     "facts": (20, 4_335),  # who stopped, why a command, a servo or a touch is refused: as data, in Turkish
     "hardware": (75, 15_640),  # telemetry in one pass; pins of the encoder board, scripts for inputs, buses
     "kinematics": (51, 13_050),  # the workspace as a shell

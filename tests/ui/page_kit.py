@@ -173,6 +173,12 @@ class FakePage:
         blocks = (one for container in containers for one in container._children.values())
         return "".join(one.content for one in blocks if isinstance(one, viser.GuiHtmlHandle))
 
+    def field(self, label: str) -> Any:
+        """The newest field of a label, such as one that nothing is called for."""
+        containers = self.gui._container_handle_from_uuid.values()
+        fields = (one for container in containers for one in container._children.values())
+        return [one for one in fields if getattr(one, "label", None) == label][-1]
+
     def options(self, label: str) -> tuple[str, ...]:
         """What a list offers."""
         return tuple(self._handles[label].options)

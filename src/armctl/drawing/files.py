@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path, PurePath
+from xml.sax.saxutils import escape
 
 from armctl.documents import DocumentKind
 from armctl.drawing.gcode import read_gcode
@@ -50,3 +52,17 @@ def read_drawing(path: str | Path) -> PenDrawing:
 def _known(name: str, content: bytes) -> PenDrawing:
     """What a program draws is asked for again and again: by the list, the check and the arm."""
     return parse_drawing(name, content)
+
+
+_WRITTEN_MM, _LONGEST_NAME = 20, 40
+
+
+def written_drawing(text: str) -> tuple[str, bytes]:
+    """An SVG file, its name and content, that writes a line of text 20 mm high. DrawingError: no text."""
+    said = " ".join(text.split())
+    if not said:
+        raise DrawingError("there is nothing to write; type a name or a line of text first")
+    name = re.sub(r"\W+", "_", said).strip("_")[:_LONGEST_NAME] or "text"
+    size = f'width="200mm" height="{2 * _WRITTEN_MM}mm" viewBox="0 0 200 {2 * _WRITTEN_MM}"'
+    line = f'<text y="{1.5 * _WRITTEN_MM:g}" font-size="{_WRITTEN_MM}">{escape(said)}</text>'
+    return f"{name}.svg", f'<svg xmlns="http://www.w3.org/2000/svg" {size}>\n{line}\n</svg>\n'.encode()

@@ -1,19 +1,19 @@
-"""SVG files read to strokes: shapes and paths, groups, transforms, units, ``viewBox`` and ``use``.
+"""SVG files read to strokes: shapes, paths, text, groups, transforms, units, ``viewBox`` and ``use``.
 
-Text, pictures and what is hidden are not drawn; what is left out is named. Time and memory are bounded: by
-the size of the file, the number of elements, how often ``use`` draws them again, and the number of points.
+Pictures and what is hidden are not drawn; what is left out is named. Time and memory are bounded: by the size
+of the file, the number of elements, how often ``use`` draws them again, and the number of points.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import field, replace
-from xml.parsers import expat
+from dataclasses import replace
 
 import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.drawing.strokes import LARGEST_MM, MOST_POINTS, PenDrawing
+from armctl.drawing.svg_elements import LETTERS, LONGEST_TITLE, SvgElement, parsed
 from armctl.drawing.svg_path import (
     MM_PER_PX,
     Outline,
@@ -25,97 +25,29 @@ from armctl.drawing.svg_path import (
     rectangle,
     transform_of,
 )
+from armctl.drawing.svg_text import TextLine, TextStyle
 from armctl.errors import DrawingError
 from armctl.lazy_dataclass import dataclass
 
-_SVG = "http://www.w3.org/2000/svg"
-_XLINK = "http://www.w3.org/1999/xlink"
-_BETWEEN = " "
-"""of the address of a namespace and a name"""
-_DEEPEST, _MOST_ELEMENTS, _MOST_USES = 100, 50_000, 30
+_MOST_USES = 30
 _MOST_DRAWN = 100_000
 """elements that are drawn, each as often as ``use`` says"""
 _GROUPS = ("svg", "g", "a", "switch")
 _NOT_SEEN = ("defs", "symbol", "clipPath", "mask", "pattern", "marker", "linearGradient", "radialGradient")
-_NO_LINES = {"text": "text", "image": "a picture", "foreignObject": "a foreign object"}
-_LONGEST_TEXT = 24
-
-
-@dataclass(eq=False)
-class _SvgElement:
-    tag: str
-    attributes: dict[str, str]
-    line: int
-    children: list[_SvgElement] = field(default_factory=list["_SvgElement"])
-    text: str = ""
-
-    def get(self, name: str) -> str | None:
-        """A presentation attribute, or what the style says of it, which counts more."""
-        for part in self.attributes.get("style", "").split(";"):
-            key, colon, value = part.partition(":")
-            if colon and key.strip() == name:
-                return value.strip()
-        return self.attributes.get(name)
-
-    @property
-    def title(self) -> str:
-        """How an error calls it."""
-        name = self.attributes.get("id", "")[:_LONGEST_TEXT]
-        return f"line {self.line}, <{self.tag}{f' id={name!r}' if name else ''}>"
+_NO_DRAWING = ("", "title", "desc", "metadata", "style")
+_NO_LINES = {"image": "a picture", "foreignObject": "a foreign object"}
+_NO_TEXT = ("textLength", "rotate", "writing-mode")
+"""attributes of text that would put its letters elsewhere"""
 
 
 def read_svg(text: str) -> PenDrawing:
     """The strokes of an SVG file, y upwards [mm]. DrawingError: says the line and the element."""
-    root = _parsed(text)
+    root = parsed(text)
     if root.tag != "svg":
         raise DrawingError(f"line {root.line}: the root element is <{root.tag}>, not <svg>")
     walk = _SvgWalk(root)
     walk.run()
     return PenDrawing.of(walk.lines, walk.left_out)
-
-
-def _parsed(text: str) -> _SvgElement:
-    """The elements of the file in each other; only names of SVG count, those of editors are passed over."""
-    parser = expat.ParserCreate("utf-8", _BETWEEN)
-    top = _SvgElement("", {}, 0)
-    open_nodes, count = [top], 0
-
-    def start(name: str, attributes: dict[str, str]) -> None:
-        nonlocal count
-        count += 1
-        line = parser.CurrentLineNumber
-        if count > _MOST_ELEMENTS:
-            raise DrawingError(f"line {line}: more than {_MOST_ELEMENTS} elements; simplify the drawing")
-        if len(open_nodes) > _DEEPEST:
-            raise DrawingError(f"line {line}: more than {_DEEPEST} elements in each other")
-        space, _, tag = name.rpartition(_BETWEEN)
-        plain = {_attribute(key): value for key, value in attributes.items()}
-        node = _SvgElement(tag if space in ("", _SVG) else "", plain, line)
-        open_nodes[-1].children.append(node)
-        open_nodes.append(node)
-
-    def end(_: str) -> None:
-        open_nodes.pop()
-
-    def data(said: str) -> None:
-        room = _LONGEST_TEXT - len(open_nodes[-1].text)
-        open_nodes[-1].text += said[: max(room, 0)]
-
-    def entity(*_: object) -> None:
-        raise DrawingError(f"line {parser.CurrentLineNumber}: it declares entities; save it as plain SVG")
-
-    parser.StartElementHandler, parser.EndElementHandler = start, end
-    parser.CharacterDataHandler, parser.EntityDeclHandler = data, entity
-    try:
-        parser.Parse(text.encode(), True)
-    except (expat.ExpatError, ValueError) as cause:
-        raise DrawingError(f"is not XML: {cause}") from cause
-    return top.children[0]
-
-
-def _attribute(name: str) -> str:
-    space, _, plain = name.rpartition(_BETWEEN)
-    return plain if space in ("", _XLINK) else name
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -130,6 +62,7 @@ class _Place:
     hidden: bool = False
     painted: tuple[bool, bool] = (True, False)
     """inside, and along its line"""
+    text: TextStyle = TextStyle()
     uses: tuple[int, ...] = ()
     """the ``use`` elements around it, each by its ``id()``"""
 
@@ -140,24 +73,28 @@ class _Place:
 class _SvgWalk:
     """From element to element, in the order in which they are drawn."""
 
-    def __init__(self, root: _SvgElement) -> None:
+    def __init__(self, root: SvgElement) -> None:
         self._root = root
-        self._named: dict[str, _SvgElement] = {}
+        self._named: dict[str, SvgElement] = {}
         self._drawn = self._points = 0
         self._styled = False
         """a style sheet may paint what its attributes do not"""
+        self._letters = ""
+        """all that is written anywhere, each once"""
         self.lines: list[tuple[FloatArray, int]] = []
         self.left_out: list[str] = []
 
     def run(self) -> None:
         """Draw all of it."""
-        nodes = [self._root]
+        nodes, letters = [self._root], set[str]()
         while nodes:
             node = nodes.pop()
             self._styled |= node.tag == "style"
+            letters.update(node.text)
             if name := node.attributes.get("id"):
                 self._named.setdefault(name, node)
             nodes += node.children
+        self._letters = "".join(sorted(letters))
         try:
             place = self._page()
         except DrawingError as cause:
@@ -177,7 +114,7 @@ class _SvgWalk:
         upwards[1, 2] = height * MM_PER_PX
         return _viewport(self._root, _Place(upwards, *whole), 0.0, 0.0, width, height)
 
-    def _draw(self, node: _SvgElement, place: _Place) -> None:
+    def _draw(self, node: SvgElement, place: _Place) -> None:
         """An element and what is in it; a DrawingError says which one."""
         self._drawn += 1
         if self._drawn > _MOST_DRAWN:
@@ -188,7 +125,7 @@ class _SvgWalk:
             return
         if node.tag in _NO_LINES:
             if not place.hidden:
-                self.left_out.append(f"{_NO_LINES[node.tag]}{_quoted(node)} (line {node.line})")
+                self.left_out.append(f"{_NO_LINES[node.tag]} (line {node.line})")
             return
         try:
             place = self._inside(node, place)
@@ -198,7 +135,7 @@ class _SvgWalk:
         for child, inner in found:
             self._draw(child, inner)
 
-    def _inside(self, node: _SvgElement, place: _Place) -> _Place:
+    def _inside(self, node: SvgElement, place: _Place) -> _Place:
         """What an element changes for itself and what is in it."""
         if transform := node.get("transform"):
             place = place.moved(_square(transform_of(transform)))
@@ -212,9 +149,9 @@ class _SvgWalk:
         for name in ("clip-path", "mask"):
             if node.get(name) not in (None, "none"):
                 self.left_out.append(f"the {name} of <{node.tag}> (line {node.line})")
-        return replace(place, painted=painted)
+        return replace(place, painted=painted, text=place.text.inside(node))
 
-    def _children(self, node: _SvgElement, place: _Place) -> Sequence[tuple[_SvgElement, _Place]]:
+    def _children(self, node: SvgElement, place: _Place) -> Sequence[tuple[SvgElement, _Place]]:
         """Draw an element's own lines; what else is to be drawn for it."""
         if node.tag == "use":
             return self._used(node, place)
@@ -224,12 +161,45 @@ class _SvgWalk:
             # of a switch the first one that is understood
             several = node.children[:1] if node.tag == "switch" else node.children
             return [(child, place) for child in several]
+        if node.tag == "text":
+            self._write_text(node, place)
         make = _SHAPES.get(node.tag)
-        unseen = place.hidden or not (any(place.painted) or (self._styled and "class" in node.attributes))
-        if make is not None and not unseen:
+        if make is not None and self._is_seen(node, place):
             for outline in make(_Sizes(node, place.width, place.height)):
                 self._add(outline.points(place.matrix[:2]), node.line)
         return ()
+
+    def _is_seen(self, node: SvgElement, place: _Place) -> bool:
+        painted = any(place.painted) or (self._styled and "class" in node.attributes)
+        return painted and not place.hidden
+
+    def _write_text(self, node: SvgElement, place: _Place) -> None:
+        """The letters of a ``text`` element."""
+        text = TextLine(self._letters)
+        self._put_in(text, node, place)
+        if unknown := text.unknown:
+            self.left_out.append(f"the letters {unknown[:LONGEST_TITLE]!r} (line {node.line})")
+        for outline, line in text.outlines():
+            self._add(outline.points(place.matrix[:2]), line)
+
+    def _put_in(self, text: TextLine, node: SvgElement, place: _Place) -> None:
+        """What stands in an element, and where it puts that."""
+        begin, style = text.count, place.text
+        for child in node.children:
+            if child.tag == LETTERS:
+                text.add(child.text, style, child.line, seen=self._is_seen(node, place))
+            elif child.tag in ("tspan", "a"):
+                if child.get("display") != "none":
+                    self._put_in(text, child, self._inside(child, place))
+            elif child.tag not in _NO_DRAWING:
+                self.left_out.append(f"<{child.tag}> in a text (line {child.line})")
+        for name in _NO_TEXT:
+            if node.get(name) not in (None, "0", "lr", "lr-tb", "horizontal-tb"):
+                self.left_out.append(f"the {name} of <{node.tag}> (line {node.line})")
+        for axis, name in enumerate(("x", "y", "dx", "dy")):
+            said = node.attributes.get(name, "").replace(",", " ").split()
+            whole = (place.width, place.height)[axis % 2]
+            text.place(begin, name, [style.length(value, name, whole) for value in said])
 
     def _add(self, points: FloatArray, line: int) -> None:
         if not (np.isfinite(points).all() and np.abs(points).max() < LARGEST_MM):
@@ -239,15 +209,15 @@ class _SvgWalk:
             raise DrawingError(f"more than {MOST_POINTS} points up to here; simplify the drawing")
         self.lines.append((points, line))
 
-    def _used(self, node: _SvgElement, place: _Place) -> Sequence[tuple[_SvgElement, _Place]]:
+    def _used(self, node: SvgElement, place: _Place) -> Sequence[tuple[SvgElement, _Place]]:
         """What a ``use`` element draws once more."""
         link = node.attributes.get("href", "")
         if not link.startswith("#"):
-            self.left_out.append(f"what <use> takes from {link[:_LONGEST_TEXT]!r} (line {node.line})")
+            self.left_out.append(f"what <use> takes from {link[:LONGEST_TITLE]!r} (line {node.line})")
             return ()
         target = self._named.get(link[1:])
         if target is None:
-            raise DrawingError(f"no element has the id {link[1 : 1 + _LONGEST_TEXT]!r}")
+            raise DrawingError(f"no element has the id {link[1 : 1 + LONGEST_TITLE]!r}")
         if id(node) in place.uses or len(place.uses) >= _MOST_USES:
             raise DrawingError(f"it draws itself again, or lies in more than {_MOST_USES} others")
         sizes = _Sizes(node, place.width, place.height)
@@ -265,7 +235,7 @@ class _SvgWalk:
 class _Sizes:
     """The lengths of an element, of which those in percent are of its viewport."""
 
-    node: _SvgElement
+    node: SvgElement
     width: float
     height: float
 
@@ -308,7 +278,7 @@ def _radii(sizes: _Sizes) -> tuple[float, float]:
         rx, axis = ry, 1
     else:
         axis = 0
-    x = 0.0 if rx == "auto" else replace(sizes, node=_SvgElement("", {"rx": rx}, 0)).size("rx", axis)
+    x = 0.0 if rx == "auto" else replace(sizes, node=SvgElement("", {"rx": rx}, 0)).size("rx", axis)
     return x, x if ry == "auto" else sizes.size("ry", 1)
 
 
@@ -328,14 +298,14 @@ _SHAPES: dict[str, Callable[[_Sizes], list[Outline]]] = {
 }
 
 
-def _nested(node: _SvgElement, place: _Place) -> _Place:
+def _nested(node: SvgElement, place: _Place) -> _Place:
     sizes = _Sizes(node, place.width, place.height)
     x, y = sizes.of("x", 0), sizes.of("y", 1)
     width, height = sizes.size("width", 0, "100%"), sizes.size("height", 1, "100%")
     return _viewport(node, place, x, y, width, height)
 
 
-def _viewport(node: _SvgElement, place: _Place, x: float, y: float, width: float, height: float) -> _Place:
+def _viewport(node: SvgElement, place: _Place, x: float, y: float, width: float, height: float) -> _Place:
     """Inside an element with a viewport of its own: its ``viewBox`` fitted into a rectangle [user units]."""
     box, inner = _view_box(node), np.eye(3)
     inner[:2, 2] = x, y
@@ -355,7 +325,7 @@ def _viewport(node: _SvgElement, place: _Place, x: float, y: float, width: float
     return replace(place.moved(inner), width=float(box[2]), height=float(box[3]))
 
 
-def _view_box(node: _SvgElement) -> FloatArray | None:
+def _view_box(node: SvgElement) -> FloatArray | None:
     text = node.attributes.get("viewBox")
     if text is None:
         return None
@@ -367,9 +337,3 @@ def _view_box(node: _SvgElement) -> FloatArray | None:
 
 def _square(matrix: FloatArray) -> FloatArray:
     return np.vstack([matrix, [0.0, 0.0, 1.0]])
-
-
-def _quoted(node: _SvgElement) -> str:
-    """The text of an element, as far as it is short."""
-    said = " ".join("".join([node.text, *(child.text for child in node.children)]).split())
-    return f" {said[:_LONGEST_TEXT]!r}" if said else ""

@@ -17,13 +17,13 @@ from armctl.drawing.strokes import MOST_POINTS, MOST_TURN, TOLERANCE_MM
 from armctl.errors import DrawingError
 from armctl.lazy_dataclass import dataclass
 
-_NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,4})?"
-_PATH_TOKEN = re.compile(rf"[\s,]*(?:([MmZzLlHhVvCcSsQqTtAa])|({_NUMBER}))")
-_NUMBERS = re.compile(rf"[\s,]*({_NUMBER})")
+NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,4})?"
+_PATH_TOKEN = re.compile(rf"[\s,]*(?:([MmZzLlHhVvCcSsQqTtAa])|({NUMBER}))")
+_NUMBERS = re.compile(rf"[\s,]*({NUMBER})")
 _FLAG = re.compile(r"[\s,]*([01])")
 _REST = re.compile(r"[\s,]*")
 _TRANSFORM = re.compile(r"[\s,]*(matrix|translate|scale|rotate|skewX|skewY)\s*\(([^()]*)\)")
-_LENGTH = re.compile(rf"\s*({_NUMBER})\s*(px|pt|pc|mm|cm|in|q|Q|%)?\s*")
+_LENGTH = re.compile(rf"\s*({NUMBER})\s*(px|pt|pc|mm|cm|in|q|Q|%)?\s*")
 MM_PER_PX = 25.4 / 96
 UNITS_PX = {
     **{"px": 1.0, "pt": 4 / 3, "pc": 16.0, "in": 96.0},

@@ -10,7 +10,7 @@ import viser
 
 from armctl.documents import not_written, write_atomically
 from armctl.drawing import DRAWING_SUFFIXES, DrawingPlane
-from armctl.drawing.files import parse_drawing
+from armctl.drawing.files import parse_drawing, written_drawing
 from armctl.drawing.plan import DrawingPlan
 from armctl.errors import DrawingError, InputError, StateError
 from armctl.facts import Need, State, say
@@ -54,7 +54,11 @@ class DrawingForm:
         self._upload = gui.add_upload_button(
             "Choose a drawing (SVG, G-code)", icon=viser.Icon.UPLOAD, mime_type=",".join(DRAWING_SUFFIXES)
         )
-        self._said = LiveHtml(gui, muted("Lines of text have to be turned into paths first."))
+        written = gui.add_form(None)
+        with written:
+            self._text = gui.add_text("Or write", "", hint="A name or a line of text, 20 mm high.")
+        write = gui.add_button("Write this", icon=viser.Icon.PENCIL)
+        self._said = LiveHtml(gui)
         with gui.add_folder("Jog the tool", expand_by_default=False):
             ToolSteps(session)
             ToolJog(session, SLOW_MM_S)
@@ -72,10 +76,12 @@ class DrawingForm:
         self._drawn = Lines(scene, "/drawing/drawn", _DRAWN, 3.0)
         self._left_out = Lines(scene, "/drawing/left_out", _LEFT_OUT, 3.0)
         self._plane = Lines(scene, "/drawing/plane", _PLANE, 2.0)
-        session.needs(None, self._upload, touch, told=False)
+        session.needs(None, self._upload, write, touch, told=False)
         session.needs(None, look, told=False, anyone=True, also=self._lacks)
         session.needs(Need.HOLDING, use, also=self._lacks)
         session.on(self._upload.on_upload, self._on_upload)
+        session.on(written.on_submit, self._on_write)
+        session.on(write.on_click, self._on_write)
         session.on(touch.on_click, lambda: self._on_touch(touch.value))
         session.on(look.on_click, lambda: self._on_fit() if look.value == _FIT else self._show())
         session.on(use.on_click, lambda: self._on_draw() if use.value == _DRAW else self._on_add())
@@ -93,9 +99,14 @@ class DrawingForm:
         return [name for name in _TOUCHES[:-1] if name not in self._touched]
 
     async def _on_upload(self) -> None:
+        await self._take(PurePath(self._upload.value.name).name, self._upload.value.content)
+
+    async def _on_write(self) -> None:
+        await self._take(*written_drawing(self._text.value))
+
+    async def _take(self, name: str, content: bytes) -> None:
         """Keep the file beside the programs, so that a saved program finds it."""
         self._session.require_operator()
-        name, content = PurePath(self._upload.value.name).name, self._upload.value.content
         drawing = await self._session.work_out(parse_drawing, name, content)
         self._file = await asyncio.to_thread(_kept, self._shared.folder, name, content)
         low, high = drawing.box
