@@ -21,6 +21,7 @@ import armctl
 from armctl.boards import Boards
 from armctl.errors import (
     BoardError,
+    EnableError,
     InputError,
     MotionRefusedError,
     PortError,
@@ -53,6 +54,7 @@ from armctl.protocol import (
     LastPose,
     ManualClock,
     Message,
+    MonotonicClock,
     Origin,
     Snapshot,
     Ticket,
@@ -824,6 +826,41 @@ def test_a_last_pose_of_a_moving_arm_needs_a_second_word(tmp_path: Path) -> None
         assert driver.writes == []
         arm.enable("last-moving")
         assert arm.joints_deg == pytest.approx(np.degrees(stood))
+
+
+@pytest.mark.parametrize("stopped", [False, True])
+def test_a_line_that_is_slow_as_a_program_begins_is_tried_once_more_unless_somebody_stops(
+    stopped: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A busy computer looks like a slow line for a second."""
+    driver = RecordingDriver(ManualClock())
+    driver.simulated = False
+    with armctl.Arm(ticked(driver)) as arm:
+        controller, asked = arm.link, list[str]()
+
+        def wait_until(clock: MonotonicClock, deadline: float, wake: threading.Event) -> bool:
+            """What happens within a second."""
+            assert deadline - clock.now() > 1.0 and not driver.writes
+            driver.delay_s = 0.01
+            slow = controller.snapshot.stamp
+            while controller.snapshot.stamp < slow + 1.2:
+                pass
+            if stopped:
+                controller.stop(Origin("page 1")).result(20)
+            asked.append("again")
+            return False
+
+        monkeypatch.setattr(MonotonicClock, "wait_until", wait_until)
+        driver.delay_s = 0.085
+        tick = controller.snapshot.tick
+        while controller.snapshot.tick < tick + 5:
+            pass
+        if stopped:
+            with pytest.raises(EnableError, match="too slow: the board's answers took up to 85 ms"):
+                arm.enable("home")
+        else:
+            arm.enable("home")
+        assert (bool(driver.writes), asked) == (not stopped, ["again"])
 
 
 def test_a_last_pose_that_nobody_kept_is_refused() -> None:

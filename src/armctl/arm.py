@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import logging
+import threading
 from collections.abc import Sequence
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, Literal, Self
 
 from armctl.arm_values import (
+    enable_command,
     handling_keys,
     led_keys,
     optional_number,
@@ -20,6 +22,7 @@ from armctl.arm_values import (
 from armctl.boards import SIMULATED, board_name, calibrated_for
 from armctl.errors import InputError, MotionRefusedError, StateError
 from armctl.facts.angles import DEGREE
+from armctl.facts.commands import AfterGap, LineSlow
 from armctl.handles import ORIGIN, ArmControls, JointStream, Motion, Orientation
 from armctl.kinematics import Choice
 from armctl.kinematics.target import as_numbers, checked_number
@@ -52,6 +55,7 @@ from armctl.protocol import (
     HomeAxes,
     Jog,
     JogTool,
+    MonotonicClock,
     MoveGripper,
     MoveJoints,
     MoveTo,
@@ -62,11 +66,9 @@ from armctl.robot import CarriedPart, Robot, load_robot
 from armctl.robot.body.arm_body import BODY_GUESSED
 from armctl.terminal import PersonAtTerminal
 
-LAST_POSE = "last"
-"""for ``Arm.enable``: where armctl saw the arm last, if it stood"""
-LAST_MOVING = "last-moving"
-"""the same where the arm was moving then: somebody has looked at it, and it stands there"""
 _LOGGER = logging.getLogger("armctl.arm")
+_BUSY_S = 1.2
+"""so long after a refusal that a busy computer may explain, Enable is asked for once more"""
 
 
 class Arm(ArmControls):
@@ -138,7 +140,7 @@ class Arm(ArmControls):
         if any(not axis.homed for axis in self.snapshot.homing):
             self.home()
         try:
-            self._do(self._enable_at(pose))
+            self._enable(enable_command(self.robot, self.snapshot, pose))
         except MotionRefusedError as refusal:
             found = clear_rest(self.robot) if pose in (None, "rest") else None
             if found is None:
@@ -415,25 +417,16 @@ class Arm(ArmControls):
         with PersonAtTerminal(self.link, ORIGIN) if wait else nullcontext():
             return self._move(command, wait)
 
-    def _enable_at(self, pose: str | Sequence[float] | None) -> Enable:
-        """What enables the arm in a pose that is given in words or degrees."""
-        if pose is None:
-            return Enable()
-        if not isinstance(pose, str):
-            return Enable(self.robot.read(self.robot.chain.checked(pose)))
-        if pose not in (LAST_POSE, LAST_MOVING):
-            return Enable(self.robot.pose(pose))
-        now = self.snapshot
-        if now.last_pose is None:
-            if now.board is not None and now.board.simulated:
-                return Enable()
-            raise StateError(
-                f"no last pose of {self.robot.name} on this board is kept: give a named pose, or joint "
-                "angles in degrees"
-            )
-        if now.last_pose.moving and pose == LAST_POSE:
-            raise StateError(
-                f"{self.robot.name} was {now.last_pose}. Look at the arm: if it does stand at these angles, "
-                f'say so (--pose {LAST_MOVING}, arm.enable("{LAST_MOVING}")); else give its angles in degrees'
-            )
-        return Enable(now.last_pose.q, now.last_pose.gripper)
+    def _enable(self, command: Enable) -> None:
+        """Enable; once more where this computer was too busy, as when a program begins. Not after STOP."""
+        stops = self.snapshot.stops
+        try:
+            self._do(command)
+        except StateError as refusal:
+            if not isinstance(refusal.reason, (LineSlow, AfterGap)):
+                raise
+            clock = MonotonicClock()
+            clock.wait_until(clock.now() + _BUSY_S, threading.Event())
+            if self.snapshot.stops != stops:
+                raise
+            self._do(command)

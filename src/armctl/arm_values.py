@@ -8,7 +8,7 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from armctl.arrays import FloatArray
-from armctl.errors import InputError
+from armctl.errors import InputError, StateError
 from armctl.facts.angles import DEGREE, from_degrees, to_degrees
 from armctl.kinematics import Target, roll_pitch_yaw, rotation_of
 from armctl.kinematics.target import as_numbers, checked_number, require_finite
@@ -16,6 +16,36 @@ from armctl.motion import PitchMode, TurnMode
 from armctl.program.base_steps import WIDEST_BLEND_MM, Step, keys_of
 from armctl.program.motion_steps import END, RPY
 from armctl.program.standing_steps import EDGES
+from armctl.protocol import Enable, Snapshot
+from armctl.robot import Robot
+
+LAST_POSE = "last"
+"""for ``Arm.enable``: where armctl saw the arm last, if it stood"""
+LAST_MOVING = "last-moving"
+"""the same where the arm was moving then: somebody has looked at it, and it stands there"""
+
+
+def enable_command(robot: Robot, now: Snapshot, pose: str | Sequence[float] | None) -> Enable:
+    """What enables an arm in a pose that is given in words or degrees."""
+    if pose is None:
+        return Enable()
+    if not isinstance(pose, str):
+        return Enable(robot.read(robot.chain.checked(pose)))
+    if pose not in (LAST_POSE, LAST_MOVING):
+        return Enable(robot.pose(pose))
+    if now.last_pose is None:
+        if now.board is not None and now.board.simulated:
+            return Enable()
+        raise StateError(
+            f"no last pose of {robot.name} on this board is kept: give a named pose, or joint angles in "
+            "degrees"
+        )
+    if now.last_pose.moving and pose == LAST_POSE:
+        raise StateError(
+            f"{robot.name} was {now.last_pose}. Look at the arm: if it does stand at these angles, "
+            f'say so (--pose {LAST_MOVING}, arm.enable("{LAST_MOVING}")); else give its angles in degrees'
+        )
+    return Enable(now.last_pose.q, now.last_pose.gripper)
 
 
 def target_of(
