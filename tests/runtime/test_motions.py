@@ -18,7 +18,7 @@ from armctl.errors import ArmctlError, InputError, MotionRefusedError, StateErro
 from armctl.facts import State
 from armctl.kinematics import Target
 from armctl.motion import JoinedTrajectory, PointToPoint, arc, plan_joints, plan_target
-from armctl.protocol import Follow, Jog, MoveJoints, MoveTo, Pause, Release, Resume, SetSpeed
+from armctl.protocol import TIMING, Follow, Jog, MoveJoints, MoveTo, Pause, Release, Resume, SetSpeed
 
 REST, HOME = ROBOT.pose("rest"), ROBOT.pose("home")
 
@@ -204,7 +204,8 @@ def test_late_ticks_in_a_row_are_one_notice_and_two_lines_of_the_log(holding: Ri
     holding.rests()
     holding.run(6)
     assert holding.now.warnings == ()
-    lines = [text for text in holding.texts if " late" in text]
+    lines = [event.text for event in holding.now.events if event.about == TIMING]
+    assert lines == [text for text in holding.texts if " late" in text]
     assert lines == ["the controller was 100 ms late; the motion halted and goes on from rest", told]
     holding.do(MoveJoints(REST))
     holding.run(0.2)

@@ -45,6 +45,7 @@ from armctl.protocol.commands import (
 )
 from armctl.protocol.recording import Recording, black_boxes, read_recording, saved_recordings
 from armctl.protocol.snapshot import (
+    TIMING,
     AxisHoming,
     Control,
     Doing,
@@ -60,6 +61,7 @@ from armctl.protocol.snapshot import (
 )
 
 __all__ = [
+    "TIMING",
     "ArmLink",
     "Arrive",
     "AxisHoming",

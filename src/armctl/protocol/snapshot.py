@@ -267,6 +267,11 @@ class Event:
     level: str
     """info, warning or error"""
     text: str
+    about: str = ""
+    """``TIMING``: the computer was late, and the arm needs nobody for that; else empty"""
+
+
+TIMING = "timing"
 
 
 @dataclass(frozen=True, slots=True)

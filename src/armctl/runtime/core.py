@@ -14,7 +14,7 @@ from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, BoardError, MotionRefusedError, StateError
 from armctl.facts import Need, State, ToolHoldsPart, ToolWhileMoving, commands
 from armctl.motion.preflight import require_gaps
-from armctl.protocol import Origin, Ticket
+from armctl.protocol import TIMING, Origin, Ticket
 from armctl.protocol.clock import AFTER_GAP_S
 from armctl.protocol.snapshot import POWERED
 from armctl.robot import CarriedPart
@@ -255,7 +255,7 @@ class Core(ArmState):
         if dt is None:
             return
         if ticks.late_before is not None:
-            self.log.warn(ticks.late_before)
+            self.log.warn(ticks.late_before, TIMING)
         if ticks.gap_s is not None:
             self._gap_ended, self._gap_s = now, ticks.gap_s
         if self.board is None or self.state not in POWERED:
@@ -266,7 +266,8 @@ class Core(ArmState):
         elif ticks.late_s is not None:
             self.monitor.doubt()
             if activity is not None and self.gate.q is not None:
-                self.notices.set("late", ticks.count_late(now), until=now + LATE_SHOWN_S)
+                until = now + LATE_SHOWN_S
+                self.notices.set("late", ticks.count_late(now), until, about=TIMING)
         self.setpoint = None
         if not self.poses.may_move(now):
             return
@@ -313,7 +314,7 @@ class Core(ArmState):
         )
         activity = self.activity
         if not self.busy:
-            self.log.warn(f"{words}; the arm stood still, the board is looked at first")
+            self.log.warn(f"{words}; the arm stood still, the board is looked at first", TIMING)
             self._held_locked = True
         else:
             if activity is not None:

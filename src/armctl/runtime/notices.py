@@ -26,8 +26,10 @@ class EventLog:
     def __init__(self) -> None:
         self.events: tuple[Event, ...] = ()
 
-    def add(self, text: str, level: str = "info") -> None:
+    def add(self, text: str, level: str = "info", about: str = "") -> None:
         """Add a line; ``level`` is info, warning (the user should know) or error (something broke).
+
+        ``about``: as in ``Event``.
 
         What a client has said may be in it: it is cut, and shows no control characters.
         """
@@ -36,7 +38,7 @@ class EventLog:
             last = self.events[-1]
             if (last.level, last.text) == (level, text) and 0 <= stamp - last.stamp < _REPEAT_S:
                 return
-        self.events = (*self.events, Event(stamp, level, text))[-_LOG_LINES:]
+        self.events = (*self.events, Event(stamp, level, text, about))[-_LOG_LINES:]
         _LOGGER.log(getattr(logging, level.upper()), "%s", text)
 
     def said(self, text: str, seconds: float) -> bool:
@@ -44,9 +46,9 @@ class EventLog:
         now = wall_time()
         return any(event.text == text and 0 <= now - event.stamp < seconds for event in self.events[-10:])
 
-    def warn(self, text: str) -> None:
+    def warn(self, text: str, about: str = "") -> None:
         """Add a line that the user should know of."""
-        self.add(text, "warning")
+        self.add(text, "warning", about)
 
 
 class MessageBoard:
@@ -79,13 +81,16 @@ class Notices:
         self._awaited = frozenset[str]()
         """names of those that only say what is waited for"""
 
-    def set(self, key: str, text: str, until: float = math.inf, *, awaited: bool = False) -> None:
+    def set(
+        self, key: str, text: str, until: float = math.inf, *, awaited: bool = False, about: str = ""
+    ) -> None:
         """Show ``text`` until the clock says ``until``; a new one is logged once.
 
-        ``awaited``: it only says what is waited for, as it was asked to; nothing is wrong.
+        ``awaited``: it only says what is waited for, as it was asked to; nothing is wrong. ``about``: as in
+        ``Event``.
         """
         if key not in self._texts or awaited is not (key in self._awaited):
-            self._log.add(text, "info" if awaited else "warning")
+            self._log.add(text, "info" if awaited else "warning", about)
         self._awaited = self._awaited | {key} if awaited else self._awaited - {key}
         self._texts[key] = (text, until)
 
