@@ -417,7 +417,7 @@ def opened(screen: Screen, url: str, enabled: bool) -> None:
     """A page that has just been opened, with the arm on if that is asked for."""
     screen.open(url, until="STOP")
     screen.dismiss_graphics_warning()
-    holds = screen.page.get_by_text("HOLDING").locator("visible=true").first
+    holds = screen.page.locator("#armctl-top .state.holding")
     for _ in range(5 if enabled else 0):
         if holds.is_visible():
             return
@@ -438,13 +438,14 @@ def main() -> int:
     tabs = {robot: outlines(robot) for robot in ("uzuner", BUS_ARM)}
     with sync_playwright() as playwright:
         browser = launch(playwright)
-        wanted = {PICTURES[name].robot for name in names if name in PICTURES}
-        for robot in wanted | ({FEW_WAYS} if FILM in names else set[str]()):
+        # An arm whose servos got other ids without being enabled cannot be enabled afterwards.
+        wanted = {(PICTURES[name].robot, PICTURES[name].enabled) for name in names if name in PICTURES}
+        for robot, enabled in sorted(wanted | ({(FEW_WAYS, True)} if FILM in names else set())):
             with tempfile.TemporaryDirectory() as folder, serving(Path(folder), "--robot", robot) as url:
                 screen = Screens(browser)(width=WIDTH, height=HEIGHT)
                 for name, picture in PICTURES.items():
-                    if name in names and picture.robot == robot:
-                        opened(screen, url, picture.enabled)
+                    if name in names and (picture.robot, picture.enabled) == (robot, enabled):
+                        opened(screen, url, enabled)
                         save(screen, name, picture, outline_of(picture.shows, tabs[picture.tabs_of]))
                         print(name, file=sys.stderr)
                 if FILM in names and robot == FEW_WAYS:
