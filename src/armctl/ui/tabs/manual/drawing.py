@@ -9,7 +9,7 @@ import numpy as np
 import viser
 
 from armctl.documents import not_written, write_atomically
-from armctl.drawing import DRAWING_SUFFIXES, DrawingPlane
+from armctl.drawing import DRAWING_SUFFIXES, DrawingPlane, PenDrawing
 from armctl.drawing.files import parse_drawing, written_drawing
 from armctl.drawing.plan import DrawingPlan
 from armctl.errors import DrawingError, InputError, StateError
@@ -28,15 +28,18 @@ from armctl.ui.tabs.manual.tool_steps import ToolSteps
 from armctl.ui.widgets.html import LiveHtml, escape, fixed, folded, muted, numbers
 from armctl.ui.widgets.number_field import NumberField, field_grid
 
-_DRAWN, _LEFT_OUT, _PLANE = (25, 25, 112), (150, 150, 150), (46, 139, 87)
+_DRAWN, _LEFT_OUT, _PLANE = (66, 99, 235), (150, 150, 150), (46, 139, 87)
+"""to be seen on a light ground and on a dark one"""
 _TOUCHES = ("Origin", "To the right", "Upwards", "More")
-_WHERE = (
-    "Origin: where the lower left corner of the drawing comes to lie. To the right, Upwards: how its lower "
-    "and its left edge lie; how far off does not matter."
-)
+_WHERE = {
+    "Origin": "where the lower left corner of the drawing comes to lie",
+    "To the right": "somewhere on its lower edge",
+    "Upwards": "somewhere on its left edge",
+}
 _TOUCH_HINT = "Bring the pen's tip onto the surface, then press. More: further points, where it bends."
 _FIT, _ADD, _DRAW, _SHOW = "Fit", "Add as step", "Draw", "Show"
 _MOST_MORE = 20
+_PREVIEW_POINTS = 2000
 
 
 class DrawingForm:
@@ -51,23 +54,27 @@ class DrawingForm:
         self._file: Path | None = None
         self._shift = (0.0, 0.0)
         gui, scene = session.gui, session.client.scene
+        self._steps = [LiveHtml(gui, numbered(1, "The drawing", done=False))]
         self._upload = gui.add_upload_button(
             "Choose a drawing (SVG, G-code)", icon=viser.Icon.UPLOAD, mime_type=",".join(DRAWING_SUFFIXES)
         )
         written = gui.add_form(None)
         with written:
             self._text = gui.add_text("Or write", "", hint="A name or a line of text, 20 mm high.")
-        write = gui.add_button("Write this", icon=viser.Icon.PENCIL)
+        write = gui.add_button("Write this", icon=viser.Icon.PENCIL, color="gray")
         self._said = LiveHtml(gui)
+        self._steps.append(LiveHtml(gui))
+        touch = gui.add_button_group("Touch here", _TOUCHES, hint=_TOUCH_HINT)
+        self._plane_said = LiveHtml(gui)
         with gui.add_folder("Jog the tool", expand_by_default=False):
             ToolSteps(session)
             ToolJog(session, SLOW_MM_S)
-        touch = gui.add_button_group("Touch here", _TOUCHES, hint=_TOUCH_HINT)
-        self._plane_said = LiveHtml(gui)
+        LiveHtml(gui, numbered(3, "Size and pen", done=False))
         with field_grid(gui):
             self._width = NumberField(gui, "Width mm", 50.0, hint="Of the whole drawing.")
             self._speed = NumberField(gui, "Pen speed mm/s", 30.0)
             self._lift = NumberField(gui, "Lift mm", 10.0, hint="How high the pen is between strokes.")
+        LiveHtml(gui, numbered(4, "Look at it, then draw", done=False))
         look = gui.add_button_group(
             "Look", (_SHOW, _FIT), hint="Fit: smaller, and shifted, until all of it is in reach."
         )
@@ -116,8 +123,11 @@ class DrawingForm:
         self._width.fill(round(width, 1))
         count = len(drawing.strokes)
         size = f"{fixed(width, 1)} × {fixed(height, 1)} mm"
-        said = f"<b>{escape(name)}</b>: {count} stroke{'' if count == 1 else 's'}, {size}"
+        said = (
+            f"{preview_svg(drawing)}<b>{escape(name)}</b>: {count} stroke{'' if count == 1 else 's'}, {size}"
+        )
         self._said.show(said + folded("Not drawn", drawing.left_out) if drawing.left_out else said)
+        self._steps[0].show(numbered(1, "The drawing", done=True))
         if len(self._touched) == len(_TOUCHES) - 1:
             await self._show()
 
@@ -142,12 +152,16 @@ class DrawingForm:
             self._outline(DrawingPlane.touched(self._points()))
 
     def _tell_plane(self) -> None:
-        rows = [f"{name} ({numbers(point, 1)})" for name, point in self._touched.items()]
-        rows += [f"{len(self._more)} more"] * bool(self._more)
-        missing = self._missing
-        text = f"Touched: {', '.join(rows)} mm." if rows else ""
-        left = f"{text} Still to touch: {', '.join(missing)}. {_WHERE}"
-        self._plane_said.show(muted(left if missing else text))
+        rows = [
+            f"<b>✓ {name}</b> ({numbers(self._touched[name], 1)}) mm"
+            if name in self._touched
+            else f"○ {name}: {where}"
+            for name, where in _WHERE.items()
+        ]
+        more = "where the surface bends" if not self._more else f"{len(self._more)} touched"
+        rows.append(f"{'✓' if self._more else '○'} More: {more}")
+        self._plane_said.show("".join(f"<div>{row}</div>" for row in rows))
+        self._steps[1].show(numbered(2, "The surface", done=not self._missing))
 
     def _points(self) -> list[float]:
         if self._missing:
@@ -222,6 +236,27 @@ class DrawingForm:
         step = await self._show()
         program = Program(robot=self._robot.name, name=Path(step.file).stem, steps=(step,))
         await self._session.submit(RunProgram(program, 1))
+
+
+def numbered(nth: int, title: str, *, done: bool) -> str:
+    """The heading of a step; a step that is done has a tick."""
+    kind = " class='done'" if done else ""
+    return f"<h3 class='armctl-nth'><i{kind}>{'✓' if done else nth}</i> {escape(title)}</h3>"
+
+
+def preview_svg(drawing: PenDrawing) -> str:
+    """The strokes as a picture, as high as five lines at most; of very many points some."""
+    (left, low), (right, high) = (corner.tolist() for corner in drawing.box)
+    every = 1 + sum(len(stroke.points) for stroke in drawing.strokes) // _PREVIEW_POINTS
+    paths = ""
+    for stroke in drawing.strokes:
+        points = np.concatenate([stroke.points[:-1:every], stroke.points[-1:]]) * [1, -1] + [-left, high]
+        paths += "M" + "L".join(f"{x:.2f} {y:.2f}" for x, y in points.tolist())
+    width, height = max(right - left, 0.1), max(high - low, 0.1)
+    return (
+        f"<svg class='armctl-preview' viewBox='0 0 {width:.2f} {height:.2f}' role='img' "
+        f"aria-label='The drawing'><path d='{paths}'/></svg>"
+    )
 
 
 def _kept(folder: Path, name: str, content: bytes) -> Path:
