@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import io
 import re
 from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
+from PIL import Image
 from playwright.sync_api import expect
+from tests.browser.drawing import DRAW_ONCE
 from tests.browser.kit import Screen
 from tests.browser.served_arm import HOME, ServedArm
 
@@ -15,6 +19,8 @@ from armctl.facts import State
 
 pytestmark = pytest.mark.browser
 TAB = "Simulation"
+DARK, WHITE = 60, 245
+"""of 255: what the ground of a label is as, in either theme"""
 
 
 def shown(page: Screen, name: str, there: bool = True) -> None:
@@ -155,3 +161,22 @@ def test_the_arm_is_seen_in_trail_workspace_section_and_graph(page: Screen, serv
     page.wait_until(ends_at_20, "both lines end at 20°")
     page.screenshot("simulation-graph")
     assert page.errors == []
+
+
+def test_names_in_the_scene_are_light_on_dark_in_the_dark_theme(page: Screen) -> None:
+    """viser draws them black on white whatever the theme."""
+
+    def picture() -> NDArray[np.uint8]:
+        page.page.evaluate(DRAW_ONCE)
+        taken = page.page.locator("canvas[data-engine]").screenshot()
+        with Image.open(io.BytesIO(taken)) as image:
+            return np.asarray(image.convert("L"))
+
+    page.click("Dark theme")
+    page.page.locator("[data-mantine-color-scheme=dark]").first.wait_for()
+    plain = picture()
+    page.tick("Joint names")
+    page.wait_until(lambda: 0.001 < (picture() != plain).mean() < 0.05, "names are written in the scene")
+    named = picture()
+    written = np.abs(named.astype(int) - plain) > 20
+    assert (named[written] > WHITE).mean() < 0.1 < (named[written] < DARK).mean()

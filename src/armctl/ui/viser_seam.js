@@ -230,6 +230,37 @@ const armctlViser = (() => {
     });
   }
 
+  // The labels in the scene are black on white: viser's shaders say so. In the dark theme they are light on dark.
+  const LABELS = [
+    ["vec4(0.0, 0.0, 0.0, a)", "vec4(vec3(0.92 * armctlDark), a)"],
+    ["vec4(1.0, 1.0, 1.0, 0.85 * vAlpha)", "vec4(vec3(1.0 - 0.86 * armctlDark), 0.85 * vAlpha)"],
+  ];
+  function darkenLabels() {
+    const context = globalThis.WebGL2RenderingContext?.prototype;
+    if (!context) return;
+    const { shaderSource, attachShader, useProgram } = context;
+    const [ours, places] = [new WeakSet(), new WeakMap()];
+    context.shaderSource = function (shader, source) {
+      const label = LABELS.find(([was]) => source.includes(was));
+      if (label) {
+        ours.add(shader);
+        source = source.replace(...label).replace("void main() {", "uniform float armctlDark;\nvoid main() {");
+      }
+      shaderSource.call(this, shader, source);
+    };
+    context.attachShader = function (program, shader) {
+      attachShader.call(this, program, shader);
+      if (ours.has(shader)) places.set(program, null);
+    };
+    context.useProgram = function (program) {
+      useProgram.call(this, program);
+      if (!program || !places.has(program)) return;
+      const place = places.get(program) ?? this.getUniformLocation(program, "armctlDark");
+      places.set(program, place);
+      this.uniform1f(place, document.documentElement.dataset.mantineColorScheme === "dark" ? 1 : 0);
+    };
+  }
+
   // What of the window the picture of the scene takes: its edges are told whenever they have changed [px].
   function onSceneEdges(tell) {
     const sizes = new ResizeObserver(() => {
@@ -340,6 +371,6 @@ const armctlViser = (() => {
 
   return {
     answer, openTabs, tabsInView, openAgain, keepTabs, typedFields, typeAgain, name, furnishNotifications,
-    letGoOfLists, drawNothing, onSceneEdges, onScenePress, scene,
+    letGoOfLists, drawNothing, darkenLabels, onSceneEdges, onScenePress, scene,
   };
 })();

@@ -121,6 +121,7 @@
 
   // Shadows are for a graphics card: they take two thirds of the pictures a second without one.
   const draws = document.createElement("canvas").getContext("webgl2") !== null;
+  viser("darkenLabels");
   if (!draws) viser("drawNothing"); // else the page would hear nothing of its server
   function drawnBy() {
     const gl = document.createElement("canvas").getContext("webgl2");
