@@ -10,10 +10,11 @@ import pytest
 from tests.runtime.kit import make_rig
 
 from armctl.arrays import FloatArray
+from armctl.facts import State
 from armctl.hardware.boards import board_type
 from armctl.motion import plan_line
 from armctl.robot import Robot, load_robot
-from armctl.ui.bar import warning_lines, where_html
+from armctl.ui.bar import warning_lines, way_out, where_html
 from armctl.ui.tabs.manual.joints import joint_steps, rounding_note, rounding_off_m
 
 SERVO_ARMS = ("uzuner", "abaas", "mico", "humanoid")
@@ -82,3 +83,11 @@ def test_what_a_program_waits_for_is_a_state_and_neither_a_fault_nor_a_warning()
         "<p class='warn'>⚠ the supply is low</p>",
         "<p class='waits'>Waiting for button = 1.</p>",
     ]
+
+
+def test_a_fault_is_told_once_and_beside_the_state_stands_what_to_do() -> None:
+    fault = replace(make_rig().enable().now, state=State.FAULT, cause="the line is gone")
+    assert fault.board is not None and way_out(fault) == "clear the fault, then enable"
+    assert way_out(replace(fault, board=None)) == "connect again in Main"
+    assert way_out(replace(fault, board=None, unreachable=True)) == "the arm does not answer"
+    assert way_out(replace(fault, state=State.HOLDING)) == ""

@@ -447,7 +447,7 @@ def test_a_mark_is_taken_where_the_arm_stands_and_is_known_to() -> None:
     with pytest.raises(CalibrationError, match="nothing to calibrate"):
         standing_outputs(replace(ROBOT, output_map=None), holding())
     off = replace(holding(), powered=False, commanded=False, state=State.OFF, q=np.full(5, np.nan))
-    with pytest.raises(StateError, match="the state is off: nobody knows where the arm stands"):
+    with pytest.raises(StateError, match="the arm is off, so its pose is not known"):
         standing_outputs(ROBOT, off)
     by_hand = replace(off, source=Source.MEASURED, q=ROBOT.pose("home"))
     assert standing_outputs(ROBOT, by_hand) == pytest.approx(the_map().outputs(ROBOT.pose("home")))

@@ -122,7 +122,7 @@ class ControlBar:
         state = (
             f"<div class='state {snapshot.state.value}' role='status'>"
             f"<b>{escape(capitals(state_words(snapshot.state)))}</b>"
-            f"<span title='{escape(cause)}'>{escape(with_minus(cause))}</span></div>"
+            f"<span title='{escape(cause)}'>{escape(with_minus(way_out(snapshot) or cause))}</span></div>"
         )
         fault = snapshot.state is State.FAULT and snapshot.board is not None and not snapshot.unreachable
         on = button("enable", "Enable", why=self._enabling.why_not(snapshot))
@@ -300,6 +300,15 @@ class ControlBar:
             scene, robot = session.client.scene, session.console.robot
             self._darkened = [add_floor(scene, robot, dark=True), *repaint(scene, robot, ARM, "dark")]
         self.refresh(session.snapshot)
+
+
+def way_out(snapshot: Snapshot) -> str:
+    """What to do about a fault, whose cause stands over the scene; empty: there is none."""
+    if snapshot.state is not State.FAULT:
+        return ""
+    if snapshot.unreachable:
+        return "the arm does not answer"
+    return "connect again in Main" if snapshot.board is None else "clear the fault, then enable"
 
 
 def warning_lines(snapshot: Snapshot) -> list[str]:

@@ -83,9 +83,9 @@ def known(snapshot: Snapshot) -> FloatArray:
 
 def pose_unknown(snapshot: Snapshot) -> StateError:
     """The refusal where nothing says where the arm stands."""
-    return StateError(
-        f"the state is {snapshot.state.value}: nobody knows where the arm stands; connect and enable it"
-    )
+    state = "in fault" if snapshot.state is State.FAULT else snapshot.state.value
+    first = "enable it" if snapshot.state is State.OFF else "connect and enable it"
+    return StateError(f"the arm is {state}, so its pose is not known; {first} first")
 
 
 @dataclass(frozen=True, slots=True)

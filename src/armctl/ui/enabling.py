@@ -33,9 +33,7 @@ _ENABLE_NOTE = "Enable asks where the arm stands. Then it switches the servos on
 _SIMULATED_NOTE = "Enable switches the servos of the simulated board on, in the rest pose."
 _TAKE_OVER_NOTE = "The servos are on: Enable takes the arm over where it stands. Nothing jumps."
 _MOTORS_NOTE = "Enable switches the motors on; they hold the arm where it stands."
-_LOST_NOTE = (
-    "The board is lost. Check its cable and its power, then press Connect in Main. Nothing moves by itself."
-)
+_LOST_NOTE = "Nothing moves by itself."
 _BACK_NOTE = "The board is plugged in again ({}). Press Connect in Main. Nothing moves by itself."
 _UNREACHABLE_NOTE = "The arm does not answer; the line above says what to do. Nothing goes on by itself."
 _MOTORS_HOLD = "The motors are on and hold the arm where it stands; Release switches them off."
