@@ -153,9 +153,9 @@ def test_the_recorded_pose_is_the_commanded_one_or_one_that_the_board_knows() ->
     snapshot = make_rig().enable().now
     assert present_pose_deg(ROBOT, snapshot) == pytest.approx((0, 110, -80, -70, 0))
     off = replace(make_rig().now, powered=False, state=State.OFF, q=np.full(5, np.nan))
-    with pytest.raises(StateError, match="the state is off: nobody knows where the arm stands"):
+    with pytest.raises(StateError, match="the arm is off, so its pose is not known"):
         present_pose_deg(ROBOT, replace(off, source=Source.TRANSMITTED))
-    with pytest.raises(StateError, match="nobody knows where the arm stands"):
+    with pytest.raises(StateError, match="so its pose is not known"):
         present_pose_deg(ROBOT, replace(off, source=Source.MEASURED, powered=True))  # motors on, not homed
     q = np.radians([10.0, 100, -30, -20, 5])
     by_hand = replace(off, source=Source.MEASURED, q=q)

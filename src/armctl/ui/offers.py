@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from html import escape
 from typing import Protocol
 
 from armctl.errors import ArmctlError
 from armctl.facts import Need, Reason
 from armctl.lazy_dataclass import dataclass
 from armctl.protocol import Snapshot
-from armctl.ui.widgets.html import EMPTY_LINE, LiveHtml, muted, sentence
+from armctl.ui.widgets.html import EMPTY_LINE, LiveHtml, sentence, with_minus
 
-NO_REASON = muted(EMPTY_LINE)
+
+def _why_html(text: str) -> str:
+    """As high with one line as with two (``viser_console.css``)."""
+    return f"<div class='armctl-why'>{escape(with_minus(text))}</div>"
+
+
+NO_REASON = _why_html(EMPTY_LINE)
 
 
 class Disableable(Protocol):
@@ -78,4 +85,4 @@ class Offer:
             self.reason.visible = shown is not None or self.keeps_line
             if shown != self._told:
                 self._told = shown
-                self.reason.show(muted(sentence(shown)) if shown else NO_REASON)
+                self.reason.show(_why_html(sentence(shown)) if shown else NO_REASON)

@@ -107,6 +107,8 @@ _ICONS = {
     "cross": "M4 4l8 8M12 4l-8 8",
     "record": "M8 4a4 4 0 1 0 .01 0z",
     "theme": "M8 2.5a5.5 5.5 0 1 0 .01 0zM8 2.5v11",
+    "undo": "M6 3L3 6l3 3M3 6h6.5a3.5 3.5 0 0 1 0 7H6",
+    "redo": "M10 3l3 3-3 3M13 6H6.5a3.5 3.5 0 0 0 0 7H10",
 }
 """paths in a square of 16"""
 

@@ -25,7 +25,7 @@ from armctl.ui.tabs.manual.new_step import Point, present_pose_deg, tool_point_m
 from armctl.ui.tabs.manual.program_editor import ProgramEditor
 from armctl.ui.tabs.manual.shared_program import SharedProgram
 from armctl.ui.tabs.manual.tool_steps import ToolSteps
-from armctl.ui.widgets.html import LiveHtml, escape, fixed, folded, muted, numbers
+from armctl.ui.widgets.html import LiveHtml, escape, fixed, folded, numbers
 from armctl.ui.widgets.number_field import NumberField, field_grid
 
 _DRAWN, _LEFT_OUT, _PLANE = (66, 99, 235), (150, 150, 150), (46, 139, 87)

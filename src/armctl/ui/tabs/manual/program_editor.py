@@ -209,7 +209,7 @@ _EDITS: dict[str, Callable[[Program, int], Change]] = {
     "Duplicate": duplicate,
     "Delete": delete,
 }
-_ROWS_HINT = "Of a block that you add: the rows that go into it, e.g. 2-5. Empty: it is empty at first."
+_ROWS_HINT = "A block that you add goes around these rows, e.g. 2-5. Empty: a new block is empty."
 _TOOL_HINT = "Where the tool is: as a point, or as the end of a straight line or of an arc through 'via'."
 
 
@@ -222,7 +222,7 @@ class ProgramRecord:
         self._kinds: dict[str, type[Step]] = {}
         gui = session.gui
         where = gui.add_dropdown("New steps go", PLACES, initial_value=editor.where)
-        rows = gui.add_text("Rows inside", "", hint=_ROWS_HINT)
+        rows = gui.add_text("Wrap rows", "", hint=_ROWS_HINT)
         session.on(where.on_update, partial(self._on_where, where))
         session.on(rows.on_update, partial(self._on_rows, rows))
         groups: list[viser.GuiButtonGroupHandle] = []
@@ -241,17 +241,14 @@ class ProgramRecord:
         session.on_press("record", "Record", self._on_record_next)
         self._via = LiveHtml(gui)
         self._via.visible = False
-        edits = gui.add_button_group("Edit", tuple(_EDITS))
-        self._shared = shared = session.console.shared(SharedProgram)
-        session.needs(None, edits, also=lambda _: None if shared.program.steps else EMPTY, told=False)
-        undo = gui.add_button_group("Take back", ("Undo",))
-        redo = gui.add_button_group("Make again", ("Redo",))
-        session.needs(None, undo, also=lambda _: shared.no_undo(), told=False)
-        session.needs(None, redo, also=lambda _: shared.no_undo(redo=True), told=False)
-        session.needs(None, also=lambda _: shared.no_undo() or shared.no_undo(redo=True))
+        self._edits = edits = gui.add_button_group("Edit", tuple(_EDITS), visible=False)
+        self._shared = session.console.shared(SharedProgram)
+        session.needs(None, edits, told=False)
         session.on(edits.on_click, lambda: self._edit(_EDITS[edits.value]))
-        session.on(undo.on_click, editor.undo)
-        session.on(redo.on_click, partial(editor.undo, redo=True))
+
+    def refresh(self) -> None:
+        """What changes rows is there where there are rows."""
+        self._edits.visible = bool(self._shared.program.steps)
 
     def _on_where(self, where: viser.GuiDropdownHandle[str]) -> None:
         self._editor.where = where.value

@@ -319,6 +319,9 @@ class ProgramList:
         """What puts a new step on the list: all kinds, by group."""
         shown = "true" if self._adding else "false"
         button = f"<button type=button data-do=step-menu aria-expanded={shown}>{_ADD} ▾</button>"
+        for name, redo in (("Undo", False), ("Redo", True)):
+            why, do = self._shared.no_undo(redo=redo), f"step-{name.lower()}"
+            button += html.button(do, "", title=name, why=why, kind="bare", icon=name.lower())
         if not self._adding:
             return f"<div class=armctl-add>{button}</div>"
         here = {CELL_GROUP: self._cell_kinds} if self._editor.adds_in_grid else {}

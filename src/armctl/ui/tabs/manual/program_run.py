@@ -37,7 +37,7 @@ from armctl.ui.session import Session
 from armctl.ui.tabs.manual.program_editor import EMPTY, ProgramEditor
 from armctl.ui.tabs.manual.shared_program import SharedProgram
 from armctl.ui.widgets.html import LiveHtml, first_error, muted, verdict_html
-from armctl.ui.widgets.number_field import NumberField
+from armctl.ui.widgets.number_field import NumberField, field_grid
 
 # Programs as files: saved ones, downloads and uploads.
 
@@ -205,8 +205,9 @@ class ProgramRun:
         """how many steps of a long check are done, and how many there are"""
         self._stepping: _Stepping | None = None
         gui = session.gui
-        self._times = NumberField(gui, "Times N", 3)
-        self._from_row = gui.add_checkbox("From selected step", initial_value=False, hint=_FROM_HINT)
+        with field_grid(gui):
+            self._times = NumberField(gui, "Times N", 3)
+            self._from_row = gui.add_checkbox("From selected step", initial_value=False, hint=_FROM_HINT)
         self._run = gui.add_button_group("Run", ("Run once", "Run N times", "Loop"))
         step = gui.add_button_group("One step", ("Step",), hint=_STEP_HINT)
         self._hold = gui.add_button_group("While it runs", ("Pause",))

@@ -39,12 +39,12 @@ class SerialMotion:
         self._pins = ProgramPins(session, self._editor)
         self._menu = SceneMenu(session, self._editor, self._pins)
         self._ring = LinkRing(session, self._pins.click)
-        self._with_pins = gui.add_checkbox("In the scene", initial_value=True, hint=_PINS_HINT)
+        self._with_pins = gui.add_checkbox("Show tool path", initial_value=True, hint=_PINS_HINT)
         verdict = LiveHtml(gui)
         with gui.add_folder("Run"):
             self._run = ProgramRun(session, self._editor, verdict)
         with gui.add_folder("Record and edit"):
-            ProgramRecord(session, self._editor)
+            self._record = ProgramRecord(session, self._editor)
         with gui.add_folder("Files", expand_by_default=False):
             self._files = ProgramFiles(session, self._run.check)
         self._session = session
@@ -54,6 +54,7 @@ class SerialMotion:
         """Draw what has changed."""
         self._files.refresh()
         self._run.refresh(snapshot)
+        self._record.refresh()
         self._show_kept()
         self._list.refresh(snapshot)
         self._menu.refresh(snapshot)

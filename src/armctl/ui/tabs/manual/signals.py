@@ -30,7 +30,7 @@ from armctl.ui.robot_switch import RobotChoice, not_replaceable
 from armctl.ui.session import Session
 from armctl.ui.tabs.manual.shared_program import SharedProgram
 from armctl.ui.widgets.html import LiveHtml, muted, table
-from armctl.ui.widgets.number_field import NumberField
+from armctl.ui.widgets.number_field import NumberField, field_grid
 
 _SHARES = {"0 %": 0.0, "25 %": 0.25, "50 %": 0.5, "75 %": 0.75, "100 %": 1.0}
 _SWITCH = {"On": 1.0, "Off": 0.0}
@@ -184,8 +184,8 @@ _LAST_CHANNEL = 63
 _CHANNEL_HINT = "Of the board: the channel of a Maestro, the pin of an Arduino. None that drives a joint."
 _LOW_HINT = "Its pin is low while it is on, as that of a button to ground is."
 _COPIED = (
-    "This arm's file is one of armctl's own, so a copy of it is saved as an arm of yours, and opened. It "
-    "gets copies of programs, drawings and calibrations; the arm that it is now keeps its own."
+    "This arm is one of armctl's own: a copy becomes an arm of yours, with programs, drawings and "
+    "calibrations, and is opened."
 )
 _OF_URDF = "Name them in the side file of this arm, NAME.armctl.toml: tables [[inputs]] and [[outputs]]."
 
@@ -238,9 +238,11 @@ class NewSignal:
             return
         self._own = robot_path(present) == user_robots_folder() / f"{present}.toml"
         self._kind = gui.add_dropdown("It is an", tuple(self._kinds))
-        self._title = gui.add_text("Name", next(iter(self._kinds.values())).usual)
-        self._channel = NumberField(gui, "Channel", free_channel(session.console.robot), hint=_CHANNEL_HINT)
-        self._low = gui.add_checkbox("On is low", initial_value=False, hint=_LOW_HINT)
+        with field_grid(gui):
+            self._title = gui.add_text("Name", next(iter(self._kinds.values())).usual)
+            channel = free_channel(session.console.robot)
+            self._channel = NumberField(gui, "Channel", channel, hint=_CHANNEL_HINT)
+            self._low = gui.add_checkbox("Active low", initial_value=False, hint=_LOW_HINT)
         add = gui.add_button("Add it to the arm", icon=viser.Icon.PLUS)
         session.needs(None, add, also=partial(not_replaceable, reopen=True))
         if not self._own:

@@ -140,7 +140,7 @@ _SIGN_OF_LIFE_S, _PATIENCE_S = 0.3, 1.5
 """While the arm follows, the page is asked for a sign of life this often, and given up after this long."""
 _TARGET_HINT = "Drag the arrows of the target in the 3D view. It begins where the tool is, so nothing jumps."
 _TEXT = {
-    OFF: "Off. Nothing follows.",
+    OFF: "Choose who follows a target that you drag in the scene.",
     TWIN: "Drag the target: <b>the orange twin</b> follows, the arm does not move.",
     ARM: f"<b style='color:{ERROR}'>Drag the target: THE ARM follows at once</b>, at Speed %. STOP ends it.",
 }

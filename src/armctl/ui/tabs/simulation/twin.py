@@ -24,6 +24,7 @@ from armctl.ui.session import Session
 from armctl.ui.tabs.manual.shared_program import SharedProgram
 from armctl.ui.twin_file import LONGEST_S, MOST_STEPS, planned_for_file, program_file, twin_file
 from armctl.ui.widgets.html import LiveHtml, muted
+from armctl.ui.widgets.number_field import button_pairs
 
 FRAME_S = 1 / 30
 _LINGER_S = 2.0
@@ -31,7 +32,7 @@ _COLOR = (240, 140, 0)
 _PROGRAM = "the program of Serial motion"
 _EXPORT = muted("Export: one file that plays this in any browser, without armctl and without a network.")
 _NO_TWIN = "no twin moves"
-_IDLE = "The orange twin rehearses <b>without the arm</b>."
+_IDLE = "An orange twin plays it in the scene, <b>without the arm</b>."
 
 
 def twin_figure(session: Session, name: str) -> ArmFigure:
@@ -59,12 +60,13 @@ class TwinControl:
         gui = session.gui
         self._poses = {f"go to {name}": name for name in self._robot.poses}
         self._what = gui.add_dropdown("Rehearse", (_PROGRAM, *self._poses), initial_value=_PROGRAM)
-        start = gui.add_button("Run on the twin only", icon=viser.Icon.PLAYER_PLAY)
-        stop = gui.add_button("Stop twin", color="gray", icon=viser.Icon.PLAYER_STOP)
+        with button_pairs(gui):
+            start = gui.add_button("Run on the twin only", icon=viser.Icon.PLAYER_PLAY)
+            stop = gui.add_button("Stop twin", color="gray", icon=viser.Icon.PLAYER_STOP)
         self._text = LiveHtml(gui, _IDLE)
         self._bar = gui.add_progress_bar(0.0, visible=False)
         session.needs(None, start, also=lambda _: self._no_steps(), anyone=True)
-        session.needs(None, stop, also=lambda _: None if self._playing else _NO_TWIN, anyone=True)
+        session.needs(None, stop, also=lambda _: None if self._playing else _NO_TWIN, told=False, anyone=True)
         self._export = gui.add_button("Export", icon=viser.Icon.DOWNLOAD, color="gray")
         self._export_text = LiveHtml(gui, _EXPORT)
         self._share: float | None = None
