@@ -77,7 +77,6 @@ class _CheckRequest(msgspec.Struct):
     robot: dict[str, Any]
     program: Program
     start: list[float] | None
-    payload_kg: float | None
 
 
 def check_program_apart(
@@ -85,7 +84,6 @@ def check_program_apart(
     robot: Robot,
     *,
     start: FloatArray | None = None,
-    payload_kg: float | None = None,
     progress: Progress | None = None,
 ) -> list[Finding]:
     """As ``check_program``; blocks, but keeps no other thread waiting.
@@ -95,7 +93,7 @@ def check_program_apart(
     few = _AT_ONCE_MESHED if robot.shapes else _AT_ONCE
 
     def here() -> list[Finding]:
-        return check_program(program, robot, start=start, payload_kg=payload_kg, progress=progress)
+        return check_program(program, robot, start=start, progress=progress)
 
     # Steps of a long loop are walked many times.
     steps = WholeProgram.of(program).flat.steps
@@ -105,7 +103,7 @@ def check_program_apart(
     if len(steps) <= few and not often:
         return here()
     begin = None if start is None else np.asarray(start, dtype=np.float64).tolist()
-    request = msgspec.msgpack.encode(_CheckRequest(robot_record(robot), program, begin, payload_kg))
+    request = msgspec.msgpack.encode(_CheckRequest(robot_record(robot), program, begin))
     try:
         found = _apart("do_check", request, _CHECK_S, len(steps), progress)
     except InputError:  # made in Python, with values that no file holds
@@ -132,13 +130,7 @@ def do_check(request: bytes, tell: Tell) -> bytes:
             last = done
             tell(msgspec.msgpack.encode((done, steps)))
 
-    found = check_program(
-        asked.program,
-        robot_of(asked.robot),
-        start=asked.start,
-        payload_kg=asked.payload_kg,
-        progress=progress,
-    )
+    found = check_program(asked.program, robot_of(asked.robot), start=asked.start, progress=progress)
     return msgspec.msgpack.encode([
         (fact_record(one.reason), one.what, one.time, one.part, one.kind, one.severity, one.step, one.digits)
         for one in found

@@ -178,15 +178,14 @@ def rehearse(
     longest_s: float = math.inf,
     most_steps: int = 100_000,
     as_far: bool = False,
-    tick_s: float = TICK_S,
     go_on: Callable[[], bool] = lambda: True,
     answer: Callable[[Question, Senses], bool] = lambda question, senses: question.holds(senses),
 ) -> Rehearsal:
     """One pass of a program from ``start`` (n,) [rad] at an ``opening`` 0..1, cut at ``longest_s`` [s].
 
     A step that cannot be run is a ProgramError; with ``as_far`` it ends the rehearsal, but for the first.
-    What begins from rest begins at a tick of the arm, ``tick_s`` [s] apart, and one step a tick: thirty short
-    steps last half a second longer than their motions.
+    What begins from rest begins at a tick of the arm, and one step a tick: thirty short steps last half a
+    second longer than their motions.
     ``go_on`` is asked before each step after the first: where it says no, the rehearsal is cut there.
     ``answer``: what steps that ask are told; as it is, counters are counted, and no input is known, so that
     nothing that is asked of one holds.
@@ -212,7 +211,7 @@ def rehearse(
             steps.append(done)
             start, opening, over = done.trajectory.end, done.opening[1], at + done.duration
             goes_on = step.goes_on if step.moves else goes_on
-            at = over if goes_on else _tick_behind(at, over, tick_s)
+            at = over if goes_on else _tick_behind(at, over)
             effect = step.step.effect
             if effect.counts is not None:
                 counters[effect.counts.counter] = effect.counts.after(counters.get(effect.counts.counter, 0))
@@ -221,9 +220,9 @@ def rehearse(
     return Rehearsal(tuple(steps), cut=True)
 
 
-def _tick_behind(begun: float, over: float, tick_s: float) -> float:
+def _tick_behind(begun: float, over: float) -> float:
     """The tick [s] at which what follows begins: the first when this is over, and later than its own."""
-    return tick_s * max(math.ceil((over - _SAME_S) / tick_s), math.floor((begun + _SAME_S) / tick_s) + 1)
+    return TICK_S * max(math.ceil((over - _SAME_S) / TICK_S), math.floor((begun + _SAME_S) / TICK_S) + 1)
 
 
 def _rehearsed(

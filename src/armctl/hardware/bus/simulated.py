@@ -235,7 +235,6 @@ class SimulatedBus:
         supply: Supply,
         *,
         echo: bool = False,
-        seed: int = 0,
     ) -> None:
         self.form, self.servos, self.plant, self.supply, self.echo = form, list(servos), plant, supply, echo
         self.loose: int | None = None
@@ -244,7 +243,7 @@ class SimulatedBus:
         """shares of packets, either way, that noise takes, spoils, or doubles"""
         self.heard: list[BusPacket] = []
         """the last instructions"""
-        self._random = random.Random(seed)
+        self._random = random.Random(0)
         self._reader = PacketReader(form, status=False)
         self._time = self._fed_at = 0.0
         plant.began.append(self._begin)

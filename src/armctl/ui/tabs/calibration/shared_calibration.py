@@ -306,7 +306,7 @@ class SharedCalibration:
         await self.points.keep()
         return saved
 
-    def with_load(self, load_kg: float, note: str = "") -> Calibration:
+    def with_load(self, load_kg: float) -> Calibration:
         """The calibration in force for an arm that carries this at the tool point [kg].
 
         ``StateError``: nothing of it depends on a load, or it is this one. ``CalibrationError``: a joint
@@ -320,7 +320,7 @@ class SharedCalibration:
             )
         if load_kg == now.load_kg:
             raise StateError(f"a load of {load_kg:g} kg is in force already")
-        note = note or f"a load of {load_kg:g} kg"
+        note = f"a load of {load_kg:g} kg"
         drawn = msgspec.structs.replace(now, load_kg=load_kg, made=iso_time(self._now()), note=note)
         narrowed(self.work.robot, drawn)
         return drawn

@@ -301,8 +301,8 @@ def stepped(robot: Robot, q: FloatArray, joint: int, step_deg: float) -> FloatAr
     return asked
 
 
-def checked_percent(value: float, what: str, low: float = 0) -> float:
-    """A percentage; an InputError where it is outside ``low`` … 100, or not finite."""
-    if not low <= value <= 100:
-        raise InputError(f"{what}: {out_of_range(value, low, 100, '%')}")
+def checked_percent(value: float, what: str) -> float:
+    """A percentage; an InputError where it is outside 0 … 100, or not finite."""
+    if not 0 <= value <= 100:
+        raise InputError(f"{what}: {out_of_range(value, 0, 100, '%')}")
     return float(value)
