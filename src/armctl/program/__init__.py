@@ -1,13 +1,13 @@
 """Serial-motion programs: steps, blocks, files, editing."""
 
 from armctl.program.base_steps import Effect, MotionStep, Senses, Step, Until
-from armctl.program.call_step import CallStep
 from armctl.program.check import check_program
 from armctl.program.conditions import Condition
 from armctl.program.csv import read_csv, write_csv
 from armctl.program.draw_step import DrawStep
 from armctl.program.files import (
     PROGRAM_SUFFIXES,
+    SavedPrograms,
     checked_program,
     decode_program,
     encode_program,
@@ -19,12 +19,11 @@ from armctl.program.files import (
 )
 from armctl.program.frames import FrameStep, UserFrame
 from armctl.program.grid_step import GridStep
-from armctl.program.logic_steps import CountStep, ElseStep, EndStep, IfStep, RepeatStep, WhileStep
+from armctl.program.logic_steps import CallStep, CountStep, ElseStep, EndStep, IfStep, RepeatStep, WhileStep
 from armctl.program.message_step import MessageStep
 from armctl.program.motion_steps import ArcStep, LineStep, MoveStep, PointStep
 from armctl.program.pick_steps import PickStep, PlaceStep
 from armctl.program.program import Blocks, CalledProgram, Cursor, Program
-from armctl.program.saved import SavedPrograms
 from armctl.program.scripts import write_script
 from armctl.program.signal_steps import SetStep, WaitForStep
 from armctl.program.standing_steps import GripperStep, SpeedStep, ToolStep, WaitStep

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+import re
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations, islice
 from pathlib import Path, PurePath
@@ -18,7 +19,7 @@ from armctl.documents import Document, as_path, not_written, write_atomically
 from armctl.errors import ArmctlError, Errors, ProgramError
 from armctl.facts import say
 from armctl.program.base_steps import Step
-from armctl.program.calls import link
+from armctl.program.calls import called_name, link
 from armctl.program.check import check_program
 from armctl.program.csv import read_csv
 from armctl.program.frames import MOST_FRAMES, FrameName, UserFrame
@@ -197,6 +198,43 @@ def _plain(value: object) -> object:
     if isinstance(value, np.generic | np.ndarray):
         return cast("object", value.tolist())
     return repr(value)  # somewhere in a list of numbers: refused as the text that it is now
+
+
+# Programs that are saved in one folder, and call each other by their names.
+
+
+_NAME = re.compile(r"\w[\w .+-]{0,60}")
+
+
+class SavedPrograms:
+    """A folder of them. Its calls block: they read files."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def names(self) -> list[str]:
+        """Sorted."""
+        return sorted(path.stem for path in self.folder.glob("*.toml"))
+
+    def path(self, name: str) -> Path:
+        """The file of a name; ``ProgramError``: it is none."""
+        if not _NAME.fullmatch(name):
+            raise ProgramError(
+                f"{name!r} is no program name: up to 61 letters, digits, spaces, '.', '+', '-' and '_', "
+                "beginning with a letter or a digit"
+            )
+        return self.folder / f"{name}.toml"
+
+    def link(self, program: Program, known: Iterable[CalledProgram] = ()) -> Program:
+        """A program with those that it calls, each read once; those of ``known`` are not read again."""
+        return link(program, self._read, known)
+
+    def _read(self, file: str) -> CalledProgram:
+        """No file of another folder: whoever may edit the program may not read all that the computer has."""
+        if not _NAME.fullmatch(called_name(file)):
+            return CalledProgram(file=file, missing="saved")
+        found = read_called(self.folder, file)
+        return msgspec.structs.replace(found, missing="saved") if found.missing else found
 
 
 # Sample programs for any arm: they are fitted to its reach, and checked before they are offered.

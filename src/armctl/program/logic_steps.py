@@ -1,4 +1,4 @@
-"""Steps that decide which steps run: alternatives, loops with a condition, counters."""
+"""Steps that decide which steps run: alternatives, loops with a condition, counters, other programs."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ from armctl.program.signal_steps import CONDITION, ConditionStep
 
 MOST_REPEATS = 1_000_000
 LARGEST_COUNT = 1_000_000_000
+_LONGEST_NAME = 200
+_CALLED_HINT = "The name of its file, as seen from the folder of this one."
 _CounterName = Annotated[str, Meta(pattern=r"^[a-z][a-z0-9_]*$")]
 _Count = Annotated[int, Meta(ge=-LARGEST_COUNT, le=LARGEST_COUNT)]
 
@@ -143,3 +145,25 @@ class CountStep(Step, frozen=True, kw_only=True, tag="count"):
         """A variable."""
         changed = f"+= {self.add}" if self.to is None else f"= {self.to}"
         return f"{self.counter}_count {changed}"
+
+
+class CallStep(Step, frozen=True, kw_only=True, tag="call"):
+    """Run another program, once, from where the arm is; then go on here.
+
+    It is a file of its own, found from the folder of the program that calls it. Counters are shared with it;
+    the speed that it sets ends with it.
+    """
+
+    words: ClassVar = "{0.program}"
+    button: ClassVar = ("Program", "Call", "program")
+
+    program: Annotated[
+        str,
+        Meta(min_length=1, max_length=_LONGEST_NAME),
+        Field("Program", _CALLED_HINT, 40, offers="programs"),
+    ]
+
+    @property
+    def calls(self) -> str:
+        """The name."""
+        return self.program

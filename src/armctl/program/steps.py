@@ -5,11 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, ClassVar, Union
 
 from armctl.program.base_steps import Key, Step, keys_of
-from armctl.program.call_step import CallStep
 from armctl.program.draw_step import DrawStep
 from armctl.program.frames import FrameStep
 from armctl.program.grid_step import GridStep
-from armctl.program.logic_steps import CountStep, ElseStep, EndStep, IfStep, RepeatStep, WhileStep
+from armctl.program.logic_steps import CallStep, CountStep, ElseStep, EndStep, IfStep, RepeatStep, WhileStep
 from armctl.program.message_step import MessageStep
 from armctl.program.motion_steps import ArcStep, LineStep, MoveStep, PointStep
 from armctl.program.pick_steps import PickStep, PlaceStep
