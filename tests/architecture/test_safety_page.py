@@ -38,6 +38,7 @@ from armctl.runtime import (
 )
 from armctl.ui import app
 from armctl.ui.guard import stop_line
+from armctl.ui.tabs.manual import sticks
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "safety.md").read_text(encoding="utf-8")
@@ -51,6 +52,7 @@ NUMBERS = {
     "tick": TICK_S,
     "jog gap": state.JOG_GAP_S,
     "jog": commands.JOG_EXPIRY_S,
+    "hand rests": sticks.RESTS_S,
     "follow": commands.FOLLOW_EXPIRY_S,
     "stream": commands.STREAM_EXPIRY_S,
     "closing": controller._STOPPING_S,

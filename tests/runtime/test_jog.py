@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import cycle
 
+import msgspec
 import numpy as np
 import pytest
 from tests.runtime.kit import (
@@ -34,6 +35,10 @@ def along(axis: str, speed: float, frame: str = "base") -> JogTool:
     linear = np.zeros(3)
     linear[AXES[axis]] = speed
     return JogTool(linear, frame="tool" if frame == "tool" else "base")
+
+
+def replace_rest(command: JogTool, rests_s: float) -> JogTool:
+    return msgspec.structs.replace(command, rests_s=rests_s)
 
 
 def hold(rig: Rig, command: Jog | JogTool, seconds: float, ticks: Sequence[float] = (TICK,)) -> None:
@@ -116,6 +121,22 @@ def test_where_a_joint_is_too_slow_all_are_scaled_so_that_the_direction_stays(ri
     assert_accelerations_keep_limits(rig)
 
 
+@pytest.mark.parametrize("rests_s", [0.03, 0.06, 0.12])
+def test_no_joint_is_jogged_faster_than_it_brakes_from_in_the_time_that_is_asked_for(
+    rig: Rig, rests_s: float
+) -> None:
+    command = replace_rest(along("Y", 0.5), rests_s)
+    start = ROBOT.forward(HOME)[:3, 3]
+    hold(rig, command, 0.6)
+    most = np.minimum(ROBOT.speed_limits, rests_s * ROBOT.acceleration_limits)
+    speeds = np.array([snapshot.velocity_command for snapshot in rig.history])
+    assert (np.abs(speeds) / most).max() == pytest.approx(1.0, abs=0.02)
+    assert deviation(tools(rig)[:, :3, 3], start, np.array([0.0, 1.0, 0.0])) < 1e-3
+    rig.do(Jog(np.zeros(5)))
+    rig.run((np.ceil(rests_s / TICK) + 1) * TICK)  # one more, as the line bends the joints' way
+    assert not rig.now.velocity_command.any()
+
+
 def test_at_a_joint_limit_it_stops_and_names_the_joint(rig: Rig) -> None:
     start = ROBOT.forward(HOME)[:3, 3]
     hold(rig, along("X", -0.05), 2.0)
@@ -184,6 +205,8 @@ def test_joints_and_tool_may_be_jogged_in_turn(rig: Rig) -> None:
         ),
         ("uzuner", JogTool(np.zeros(3), roll_rate=4.0), "229 °/s is too fast"),
         ("uzuner", JogTool(np.array([np.nan, 0, 0])), "needs three speeds"),
+        ("uzuner", JogTool(np.zeros(3), rests_s=-1.0), "within a time that is more than 0 s, got -1 s"),
+        ("uzuner", JogTool(np.zeros(3), rests_s=np.nan), "the time in which a jog rests"),
         ("uzuner", JogTool(np.zeros(2)), "needs three speeds"),
         ("uzuner", JogTool(np.float64(1)), "needs three speeds"),  # type: ignore
         ("uzuner", JogTool(np.zeros(3), np.nan), "the pitch rate must be a finite number"),

@@ -237,6 +237,8 @@ class JogTool(HeldCommand, frozen=True):
     """whose axes ``linear`` is along; the tool's are taken as they are when the jog begins"""
     angular: FloatArray | None = None
     """(3,) turn about these axes through the tool point [rad/s], of an arm that orients its tool; None: 0"""
+    rests_s: float | None = None
+    """no joint turns faster than it can brake from in this time [s]; None: as fast as it may"""
 
     @property
     def twist(self) -> FloatArray:

@@ -241,6 +241,12 @@ def _checked_rate(core: Core, rate: FloatArray) -> FloatArray:
     return rate
 
 
+def _checked_rest(rests_s: float | None) -> float | None:
+    if rests_s is not None and not checked_number(rests_s, "the time in which a jog rests") > 0.0:
+        raise InputError(f"a jog rests within a time that is more than 0 s, got {rests_s:g} s")
+    return rests_s
+
+
 def _checked_tool_jog(core: Core, jog: c.JogTool) -> c.JogTool:
     """A copy of ``jog`` that the tool may be moved with."""
     linear = as_numbers(jog.linear, "the speeds of a jog")
@@ -253,8 +259,9 @@ def _checked_tool_jog(core: Core, jog: c.JogTool) -> c.JogTool:
     if angular is not None and (angular.shape != (3,) or not np.isfinite(angular).all()):
         raise InputError(f"a jog of the tool turns it about three axes, got {angular.tolist()}")
     jog = msgspec.structs.replace(
-        jog, linear=linear, pitch_rate=turns[0], roll_rate=turns[1], angular=angular
-    )
+        jog, linear=linear, pitch_rate=turns[0], roll_rate=turns[1], angular=angular,
+        rests_s=_checked_rest(jog.rests_s),
+    )  # fmt: skip
     speed, rate = float(np.linalg.norm(linear)), float(np.abs(jog.twist[3:]).max())
     if speed > FASTEST_TOOL_M_S or rate > FASTEST_TURN_RAD_S:
         raise InputError(

@@ -207,6 +207,8 @@ class JogLine:
     ) -> tuple[float, FloatArray, int | None]:
         """Share of the command that all joints can, joint speeds (n,) [rad/s], the joint at its limit."""
         v, a = servo.v, servo.acceleration_limits
+        rests_s = self._command.rests_s
+        fastest = servo.speed_limits if rests_s is None else np.minimum(servo.speed_limits, rests_s * a)
         room = self._room(servo, np.sign(back), a, dt)
         back = back * float(np.minimum(room / np.maximum(np.abs(back), 1e-12), 1.0).min())
         size, sign = np.abs(along), np.sign(along)
@@ -217,7 +219,7 @@ class JogLine:
         braking = np.minimum(a, size * _SHARE_TO_BRAKE * float((a / turns)[used].min()) + 1e-12)
         held = np.where(used, (self._room(servo, sign, braking, dt) - sign * back) / turns, np.inf)
         limiting = int(held.argmin())
-        free = np.where(used, (servo.speed_limits - np.abs(back)) / turns, np.inf).min()
+        free = np.where(used, (fastest - np.abs(back)) / turns, np.inf).min()
         bend = np.sqrt(_SHARE_TO_BEND * a / np.maximum(self._bend, 1e-12)).min()
         most = max(min(share, float(free), float(bend), float(held[limiting])), 0.0)
         low = float(np.where(used, (sign * (v - back) - a * dt) / turns, -np.inf).max())

@@ -46,12 +46,16 @@ _LET_GO, _STOPPED = "let go", "stopped"
 """said instead of numbers; behind a STOP nothing else is to be sent"""
 _OFF, _ON = "Gamepad is off: press to switch on", "Gamepad is ON: press to switch off"
 _UNSEEN = "No gamepad and no 3D mouse is seen. Plug it in, and press a button on it."
-_NOTE = (
-    "Hold a shoulder button (L1 or R1; the left button of a 3D mouse), then push a stick. Letting go stops "
-    "the arm. A and B close and open the gripper. The buttons in the middle are STOP."
-)
+RESTS_S = 0.1
+"""within which the arm rests once somebody lets go: no joint is led faster than from where it can"""
 _TAKEN_S = 0.04
 """after which the arm brakes: it takes what is said at one tick, and obeys at the next"""
+_BRAKES_S = RESTS_S - _TAKEN_S
+_NOTE = (
+    "Hold a shoulder button (L1 or R1; the left button of a 3D mouse), then push a stick. Once you let go, "
+    f"the arm rests within {RESTS_S:g} s: no joint is led faster than that allows. A and B close and open "
+    "the gripper. The buttons in the middle are STOP."
+)
 _THUMBS = "Or push with one or two thumbs here; lifting them stops the arm."
 
 Send = Callable[[Callable[[], Jog | JogTool]], Awaitable[None]]
@@ -65,6 +69,8 @@ class StickAim:
         self._robot = robot
         self._turns = [i for i, (low, high) in enumerate(robot.limits.tolist()) if low < high]
         self._pitches, self._rolls = (True, True) if robot.orients_tool else tool_turns(robot)
+        self._resting = _BRAKES_S * robot.acceleration_limits / robot.speed_limits
+        """(n,) the shares of their speed from which joints rest in time"""
         self._direction: FloatArray | None = None
 
     def let_go(self) -> None:
@@ -75,7 +81,7 @@ class StickAim:
         """Turn joints by ``pushed`` (6,), -1 … 1, at ``share`` of their speed; None: nothing is pushed."""
         rates = np.zeros(self._robot.n)
         for joint, source in zip(self._turns, _OF_JOINTS, strict=False):
-            rates[joint] = share * pushed[source]
+            rates[joint] = min(share, self._resting[joint]) * pushed[source]
         return Jog(rates) if rates.any() else None
 
     def tool(self, pushed: FloatArray, rates: tuple[float, float], frame: Frame) -> JogTool | None:
@@ -88,9 +94,11 @@ class StickAim:
         if float(np.abs(turns).max()) > float(np.abs(linear).max()):
             self._direction = None
             turn, lift, _ = turns.tolist()
-            if abs(lift) >= abs(turn):
-                return JogTool(np.zeros(3), pitch_rate=rate * lift, frame=frame) if self._pitches else None
-            return JogTool(np.zeros(3), roll_rate=rate * turn, frame=frame) if self._rolls else None
+            lifts = abs(lift) >= abs(turn)
+            if not (self._pitches if lifts else self._rolls):
+                return None
+            of_pitch, of_roll = (rate * lift, 0.0) if lifts else (0.0, rate * turn)
+            return JogTool(np.zeros(3), of_pitch, of_roll, frame, rests_s=_BRAKES_S)
         size = float(np.linalg.norm(linear))
         if size == 0.0:
             self._direction = None
@@ -98,30 +106,7 @@ class StickAim:
         direction = self._direction
         if direction is None or float(direction @ linear) < _KEPT * size:
             direction = self._direction = _DIRECTIONS[int(np.argmax(_DIRECTIONS @ linear))]
-        return JogTool(min(size, 1.0) * speed * direction, frame=frame)
-
-    def rests_s(self, rates: tuple[float, float] | float, q: FloatArray, speed: float) -> float:
-        """Within what time of letting go the arm rests [s]: each joint brakes as hard as it may.
-
-        ``rates``: the share of their speed at which joints turn, or the tool's [m/s], [rad/s], at the
-        override ``speed``; ``q`` (n,) [rad]: where the arm is. Of the tool: along an axis from there.
-        """
-        robot = self._robot
-        fastest = robot.speed_limits * (1.0 if isinstance(rates, tuple) else rates)
-        if isinstance(rates, tuple):
-            fastest = np.minimum(fastest, self._along(q, rates[0]))
-        return _TAKEN_S + float((speed * fastest / robot.acceleration_limits)[self._turns].max())
-
-    def _along(self, q: FloatArray, speed_m_s: float) -> FloatArray:
-        """The fastest that joints (n,) turn [rad/s] while the tool moves along an axis of the base."""
-        robot, J = self._robot, self._robot.jacobian(q)
-        level = np.cross((0.0, 0.0, 1.0), robot.forward(q)[:3, 2])[None]
-        held = J[3:] if robot.orients_tool else level @ J[3:]
-        rows = np.vstack([J[:3], held]) if self._pitches else J[:3].copy()
-        roll = robot.inverse_kinematics.roll_joint
-        if roll is not None and not robot.orients_tool:
-            rows[:, roll] = 0.0
-        return np.abs(np.linalg.pinv(rows)[:, :3]).max(axis=1) * speed_m_s
+        return JogTool(min(size, 1.0) * speed * direction, frame=frame, rests_s=_BRAKES_S)
 
     def moved(self, *, joints: bool) -> list[tuple[str, str]]:
         """What each stick moves, and how it is called."""
@@ -154,7 +139,7 @@ class StickJog:
             "Joints": None,
         }
         self._on = self._pushing = self._held_back = False
-        self._seen = self._rests = ""
+        self._seen = ""
         self._fastest = math.inf
         """[ms] of what is said since it is held, how long the fastest was on its way, but for a constant"""
         gui = session.gui
@@ -175,18 +160,9 @@ class StickJog:
         if self._on and not self._session.operates:
             self._set(on=False)
         held_back = self._pushing and snapshot.doing is not None and snapshot.doing.notice is not None
-        rests = self._rests if self._pushing else self._rests_words(snapshot)
-        if (held_back, rests) != (self._held_back, self._rests):
-            self._held_back, self._rests = held_back, rests
+        if held_back != self._held_back:
+            self._held_back = held_back
             self._draw()
-
-    def _rests_words(self, snapshot: Snapshot) -> str:
-        """How soon the arm would rest; empty where nobody knows where it stands."""
-        if not self._on or not snapshot.commanded:
-            return ""
-        rates = self._joint_share() if self._moves[self._choice.value] is None else self._tool_rates()
-        rests_s = self._aim.rests_s(rates, snapshot.q_command, snapshot.speed)
-        return f"At this speed it rests within {math.ceil(100 * rests_s - 1e-6) / 100:.2f} s of letting go."
 
     def _on_switch(self) -> None:
         self._session.require_operator()
@@ -201,7 +177,7 @@ class StickJog:
     def _draw(self) -> None:
         moved = self._aim.moved(joints=self._moves[self._choice.value] is None)
         self._session.parts.show(
-            _PART, _html(moved, self._seen, self._rests, held_back=self._held_back) if self._on else ""
+            _PART, _html(moved, self._seen, held_back=self._held_back) if self._on else ""
         )
 
     async def _on_seen(self, _: str, name: str) -> None:
@@ -249,7 +225,7 @@ class StickJog:
             await self._send(partial(Jog, np.zeros(self._session.console.robot.n)))
 
 
-def _html(moved: list[tuple[str, str]], seen: str, rests: str, *, held_back: bool) -> str:
+def _html(moved: list[tuple[str, str]], seen: str, *, held_back: bool) -> str:
     state = strong(seen) if seen else muted(_UNSEEN)
     pads = "".join(
         f"<div role='img' data-thumb='{across} {upwards}' aria-label='Thumb pad: {escape(name)}'></div>"
@@ -257,6 +233,6 @@ def _html(moved: list[tuple[str, str]], seen: str, rests: str, *, held_back: boo
     )
     legend = table(("Push", "moves"), [list(one) for one in moved], words=(0, 1))
     return (
-        f"<div data-sticks='{'held' if held_back else ''}'>{state}{muted(f'{_NOTE} {rests}')}{legend}"
+        f"<div data-sticks='{'held' if held_back else ''}'>{state}{muted(_NOTE)}{legend}"
         f"{muted(_THUMBS)}<div class='armctl-thumbs'>{pads}</div></div>"
     )
