@@ -151,6 +151,18 @@ def phone(browser: Browser, served: ServedArm) -> Iterator[Screen]:
     context.close()
 
 
+def test_on_a_phone_the_row_of_tabs_scrolls_to_the_last(phone: Screen) -> None:
+    last = phone.page.get_by_role("tab", name="Log", exact=True)
+    expect(last).not_to_be_in_viewport()
+    last.tap()
+    expect(last).to_be_in_viewport(ratio=0.9)
+    expect(phone.button("Download report")).to_be_visible(timeout=PATIENCE_MS)
+    row = "element => [element.parentElement.scrollWidth, element.offsetLeft + element.offsetWidth]"
+    width, end = last.evaluate(row)
+    assert width == pytest.approx(end, abs=24)  # nothing to scroll to beyond it
+    assert phone.page.evaluate("innerWidth") == 390
+
+
 def test_on_a_phone_a_list_that_opens_leaves_stop_where_it_is(phone: Screen) -> None:
     phone.page.get_by_role("tab", name="Trajectory", exact=True).tap()
     phone.entry("To").tap()
