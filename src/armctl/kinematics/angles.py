@@ -326,21 +326,20 @@ def rotation_from_rpy(roll: float, pitch: float, yaw: float) -> FloatArray:
 
 def quaternion_wxyz(rotation: FloatArray) -> FloatArray:
     """Unit quaternion (4,) ``w, x, y, z`` of one rotation (3, 3); w is not negative (Shepperd's method)."""
-    m = rotation
-    trace = float(m[0, 0] + m[1, 1] + m[2, 2])
-    squares = [trace, float(m[0, 0]), float(m[1, 1]), float(m[2, 2])]
+    m: list[list[float]] = rotation.tolist()  # plain numbers: a page asks for many, one at a time
+    trace = m[0][0] + m[1][1] + m[2][2]
+    squares = [trace, m[0][0], m[1][1], m[2][2]]
     k = max(range(4), key=squares.__getitem__)
     if k == 0:
-        q = np.array([1 + trace, m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]])
+        q = [1 + trace, m[2][1] - m[1][2], m[0][2] - m[2][0], m[1][0] - m[0][1]]
     else:
         i, j, h = k - 1, k % 3, (k + 1) % 3
-        q = np.zeros(4)
-        q[0] = m[h, j] - m[j, h]
-        q[1 + i] = 1 + m[i, i] - m[j, j] - m[h, h]
-        q[1 + j] = m[j, i] + m[i, j]
-        q[1 + h] = m[h, i] + m[i, h]
-    q /= np.linalg.norm(q)
-    return -q if q[0] < 0 else q
+        q = [m[h][j] - m[j][h], 0.0, 0.0, 0.0]
+        q[1 + i] = 1 + m[i][i] - m[j][j] - m[h][h]
+        q[1 + j] = m[j][i] + m[i][j]
+        q[1 + h] = m[h][i] + m[i][h]
+    norm = math.copysign(math.hypot(*q), -1.0 if q[0] < 0 else 1.0)
+    return np.array([one / norm for one in q])
 
 
 def quaternion_product(a: FloatArray, b: FloatArray) -> FloatArray:

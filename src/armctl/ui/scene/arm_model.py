@@ -345,9 +345,11 @@ class ArmFigure:
             return
         self._q, self._opening = q.copy(), opening
         placed = self._model.place(q[None], np.array([opening]))[0]
-        for i, handle in enumerate(self._frames):
-            if self._shown is None or not np.array_equal(self._shown[i], placed[i]):
-                move_node(handle, placed[i, :3, 3], quaternion_wxyz(placed[i, :3, :3]))
+        before = np.full_like(placed, np.nan) if self._shown is None else self._shown
+        moved = (before != placed).any(axis=(1, 2)).tolist()
+        for handle, frame, has_moved in zip(self._frames, placed, moved, strict=True):
+            if has_moved:
+                move_node(handle, frame[:3, 3], quaternion_wxyz(frame[:3, :3]))
         self._shown = placed
 
     def carry(self, part: CarriedPart | None) -> None:
