@@ -328,6 +328,7 @@ CONTRACT = {
         "data-dock-root",
         "data-dock-unmergeable-header",
         "data-dock-griphandle",
+        "data-dock-minimize",
         "`Paper`",
         "`Tabs`",
         "`Checkbox`",
