@@ -98,7 +98,8 @@ class SerialTransport:
             raise PortError(f"{port}: {_why_not_opened(port, error)}") from error
         with suppress(*_LINE_ERRORS):  # a driver without it: the lock remains
             if port.startswith(_NETWORK):
-                _send_at_once(self._serial.fileno())
+                # else a setpoint is held back until the one before it is acknowledged (40 … 200 ms)
+                _set_option(self._serial.fileno(), socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             elif not is_pseudo_terminal(port):
                 keep_others_out(self._serial.fileno())
                 # An FTDI adapter (U2D2) else keeps each answer for 16 ms; a driver may know no such thing.
@@ -145,7 +146,8 @@ class SerialTransport:
 
     def _drop_unsent(self) -> None:
         if self.name.startswith(_NETWORK):
-            _drop_when_closed(self._serial.fileno())
+            # what is not sent yet is lost when it is closed
+            _set_option(self._serial.fileno(), socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
         else:
             self._serial.reset_output_buffer()
 
@@ -181,17 +183,8 @@ def _check_address(port: str) -> None:
         raise PortError(f"{port}: a network address is {_NETWORK}HOST:PORT, with a port of 1 … 65535")
 
 
-def _send_at_once(descriptor: int) -> None:
-    """Let a network line not hold a setpoint back until the one before it is acknowledged (40 … 200 ms)."""
-    _set_option(descriptor, socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-
-
-def _drop_when_closed(descriptor: int) -> None:
-    """Let what a network line has not sent yet be lost when it is closed."""
-    _set_option(descriptor, socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
-
-
 def _set_option(descriptor: int, level: int, option: int, value: int | bytes) -> None:
+    """Set an option of a network line."""
     line = socket.socket(fileno=descriptor)
     try:
         line.setsockopt(level, option, value)
