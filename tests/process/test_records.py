@@ -152,6 +152,19 @@ def test_a_snapshot_arrives_whole_with_what_is_not_known(json: bool, holding_sna
             np.testing.assert_equal(getattr(record.snapshot, one.name), getattr(told, one.name))
 
 
+@BOTH
+def test_programs_of_others_are_told_the_quantities_in_words_too(
+    json: bool, holding_snapshot: Snapshot
+) -> None:
+    hot = replace(holding_snapshot, quantities={"Base": Quantities(0.5, 60.0)})
+    for house in (False, True):
+        codec = Codec(json=json, house=house)
+        record = (msgspec.json if json else msgspec.msgpack).decode(SnapshotWriter()(codec, hot))
+        told = None if house else {"Base": "load 50 %, 60 °C"}
+        assert record["snapshot"].get("measured") == told
+        assert isinstance(codec.from_arm(SnapshotWriter()(codec, hot)), Seen)
+
+
 def test_a_program_travels_with_those_that_it_calls() -> None:
     called = CalledProgram(file="grip.toml", robot="uzuner", steps=(WaitStep(seconds=1),))
     program = Program(robot="uzuner", steps=(CallStep(program="grip"),), called=(called,))

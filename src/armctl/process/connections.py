@@ -10,7 +10,7 @@ import hmac
 import logging
 import os
 import socket
-from collections import deque
+from collections import defaultdict, deque
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from pathlib import Path
@@ -358,15 +358,15 @@ class Broadcast:
 
     def __init__(self) -> None:
         self.large = asyncio.Semaphore(_LARGE_AT_ONCE)
-        self._writers = {json: SnapshotWriter() for json in (False, True)}
-        self._snapshots: dict[bool, tuple[Snapshot, bytes]] = {}
+        self._writers = defaultdict[Codec, SnapshotWriter](SnapshotWriter)
+        self._snapshots: dict[Codec, tuple[Snapshot, bytes]] = {}
         self._programs: dict[bool, tuple[Running, bytes]] = {}
 
     def snapshot(self, codec: Codec, snapshot: Snapshot) -> bytes:
         """A snapshot without what changes rarely."""
-        known = self._snapshots.get(codec.json)
+        known = self._snapshots.get(codec)
         if known is None or known[0] is not snapshot:
-            known = self._snapshots[codec.json] = (snapshot, self._writers[codec.json](codec, snapshot))
+            known = self._snapshots[codec] = (snapshot, self._writers[codec](codec, snapshot))
         return known[1]
 
     def programs(self, codec: Codec, running: Running) -> bytes:

@@ -284,7 +284,7 @@ class Codec:
 
     def __init__(self, *, json: bool = False, house: bool = True) -> None:
         """``house``: it reads the commands of the house, too."""
-        self.json = json
+        self.json, self.house = json, house
         wire: Any = msgspec.json if json else msgspec.msgpack
         self._encode = wire.Encoder(enc_hook=plain).encode
         arriving: Any = Union[tuple(_Asked if kind is Ask else kind for kind in get_args(FromClient))]  # noqa: UP007

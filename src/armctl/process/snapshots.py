@@ -29,6 +29,8 @@ class SnapshotWriter:
         """The record of a snapshot; always with the same codec."""
         values: dict[str, Any] = dict(zip(_FIELDS, _VALUES(snapshot), strict=True))
         values["events"] = ()
+        if not codec.house:  # programs of others read them; a page has the numbers
+            values["measured"] = snapshot.measured
         if (progress := snapshot.program) is not None:
             values["program"] = replace(progress, running=_NO_PROGRAM, coming=_NO_PROGRAM)
         for name in _SELDOM_NEW:

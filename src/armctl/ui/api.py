@@ -190,6 +190,12 @@ def schema() -> bytes:
             {key: value for key, value in positional.items() if key not in ("title", "description")},
         ],
     }
+    words = {
+        "type": "object",
+        "additionalProperties": {"type": "string"},
+        "description": "quantities in words",
+    }
+    parts["Snapshot"]["properties"]["measured"] = words
     parts["Follow"]["properties"]["trajectory"] = {
         "anyOf": [{"$ref": f"#/$defs/{kind.__name__}"} for kind in get_args(Motion)]
     }
