@@ -32,7 +32,7 @@ _COLOR = (240, 140, 0)
 _PROGRAM = "the program of Serial motion"
 _EXPORT = muted("Export: one file that plays this in any browser, without armctl and without a network.")
 _NO_TWIN = "no twin moves"
-_IDLE = "An orange twin plays it in the scene, <b>without the arm</b>."
+_IDLE = "The orange twin rehearses <b>without the arm</b>."
 
 
 def twin_figure(session: Session, name: str) -> ArmFigure:
