@@ -20,6 +20,7 @@ import socket
 import threading
 from collections.abc import Callable
 from concurrent.futures import Future
+from contextlib import suppress
 from importlib import resources
 
 import msgspec
@@ -288,7 +289,8 @@ class StopLines:
             page = self._heartbeats.overdue(loop.time())
             if page is not None and self._silent is not None:
                 self._silent(self._names.get(page, _NO_NAME))
-            await asyncio.sleep(_CHECK_S)  # wait_for(ended.wait()) makes a task each time
+            with suppress(TimeoutError):
+                await asyncio.wait_for(ended.wait(), _CHECK_S)
 
 
 class OverlaidPage:
