@@ -240,6 +240,16 @@ def test_what_is_wrong_with_a_text_is_said_with_its_place(body: str, says: str) 
     assert says in str(refusal.value)
 
 
+def test_how_letters_would_look_matters_only_where_something_is_written() -> None:
+    assert read_svg(
+        svg("<g font-size='calc(1em + 2px)'><path d='M0 0L9 9' style='font-size:50vw'/></g>")
+    ).strokes
+    with pytest.raises(DrawingError, match=r"line 1, <text>: line 1, <g>: font-size: '5vw' is no length"):
+        read_svg(svg("<g font-size='5vw'><text>a</text></g>"))
+    low, high = read_svg(svg("<text y='50' style='font-size:2rem'>H</text>")).box
+    assert high[1] - low[1] == pytest.approx(32 * 0.729 * MM, rel=0.01)
+
+
 def test_a_line_of_text_becomes_a_drawing() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")

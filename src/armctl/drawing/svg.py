@@ -62,7 +62,8 @@ class _Place:
     hidden: bool = False
     painted: tuple[bool, bool] = (True, False)
     """inside, and along its line"""
-    text: TextStyle = TextStyle()
+    text: TextStyle | DrawingError = TextStyle()
+    """what is wrong with it matters only where something is written"""
     uses: tuple[int, ...] = ()
     """the ``use`` elements around it, each by its ``id()``"""
 
@@ -149,7 +150,13 @@ class _SvgWalk:
         for name in ("clip-path", "mask"):
             if node.get(name) not in (None, "none"):
                 self.left_out.append(f"the {name} of <{node.tag}> (line {node.line})")
-        return replace(place, painted=painted, text=place.text.inside(node))
+        text = place.text
+        if isinstance(text, TextStyle):
+            try:
+                text = text.inside(node)
+            except DrawingError as cause:
+                text = cause if node.tag in ("text", "tspan") else cause.about(node.title)
+        return replace(place, painted=painted, text=text)
 
     def _children(self, node: SvgElement, place: _Place) -> Sequence[tuple[SvgElement, _Place]]:
         """Draw an element's own lines; what else is to be drawn for it."""
@@ -185,6 +192,8 @@ class _SvgWalk:
     def _put_in(self, text: TextLine, node: SvgElement, place: _Place) -> None:
         """What stands in an element, and where it puts that."""
         begin, style = text.count, place.text
+        if isinstance(style, DrawingError):
+            raise style
         for child in node.children:
             if child.tag == LETTERS:
                 text.add(child.text, style, child.line, seen=self._is_seen(node, place))

@@ -32,7 +32,7 @@ _X_HEIGHT = 0.55
 _RAISED = {"middle": -0.27, "central": -0.35, "hanging": -0.73, "mathematical": -0.36}
 """how far the line that is asked for stands above the letters' own, negative: below [size]"""
 _ANCHORS = {"start": 0.0, "middle": 0.5, "end": 1.0}
-_RELATIVE = re.compile(rf"\s*({NUMBER})(em|ex)\s*")
+_RELATIVE = re.compile(rf"\s*({NUMBER})(em|ex|rem)\s*")
 _SPACES = re.compile(r"[\t\n\r]")
 _BOLD = 600
 
@@ -82,7 +82,8 @@ class TextStyle:
         """A length of the letters [user units]; ``whole``: of which percentages are."""
         try:
             if (relative := _RELATIVE.fullmatch(text)) is not None:
-                return finite(relative[1]) * self.size * (1.0 if relative[2] == "em" else _X_HEIGHT)
+                units = {"em": self.size, "ex": _X_HEIGHT * self.size, "rem": TextStyle().size}
+                return finite(relative[1]) * units[relative[2]]
             return length_px(text, whole)
         except DrawingError as cause:
             raise cause.about(name) from cause
