@@ -30,7 +30,7 @@ _SIZES = {
 _LARGER = {"larger": 1.2, "smaller": 1 / 1.2}
 _X_HEIGHT = 0.55
 _RAISED = {"middle": -0.27, "central": -0.35, "hanging": -0.73, "mathematical": -0.36}
-"""how far the line that is asked for stands above the letters' own, negative: below [size]"""
+"""how far letters are raised so that this line of theirs lies where they are put, negative: lowered [size]"""
 _ANCHORS = {"start": 0.0, "middle": 0.5, "end": 1.0}
 _RELATIVE = re.compile(rf"\s*({NUMBER})(em|ex|rem)\s*")
 _SPACES = re.compile(r"[\t\n\r]")
@@ -55,16 +55,16 @@ class TextStyle:
         said = {name: value for name in _PROPERTIES if (value := node.get(name)) not in (None, "inherit")}
         if not said:
             return self
-        style = self if (size := said.get("font-size")) is None else replace(self, size=self._size(size))
-        weight, slant, family = (said.get(f"font-{name}") for name in ("weight", "style", "family"))
-        if weight is not None:
+        style, face = self, self.face
+        if (size := said.get("font-size")) is not None:
+            style = replace(style, size=self._size(size))
+        if (weight := said.get("font-weight")) is not None:
             bold = weight in ("bold", "bolder") or (weight.isdecimal() and int(weight) >= _BOLD)
-            style = replace(style, face=msgspec.structs.replace(style.face, bold=bold))
-        if slant is not None:
-            face = msgspec.structs.replace(style.face, slanted=slant != "normal")
-            style = replace(style, face=face)
-        if family is not None:
-            style = replace(style, face=msgspec.structs.replace(style.face, family=_family(family)))
+            face = msgspec.structs.replace(face, bold=bold)
+        if (slant := said.get("font-style")) is not None:
+            face = msgspec.structs.replace(face, slanted=slant != "normal")
+        if (family := said.get("font-family")) is not None:
+            face = msgspec.structs.replace(face, family=_family(family))
         if (spacing := said.get("letter-spacing")) is not None:
             style = replace(
                 style, spacing=0.0 if spacing == "normal" else style.length(spacing, "letter-spacing")
@@ -74,6 +74,7 @@ class TextStyle:
             style = replace(style, keeps_spaces=spaces.startswith(("pre", "break")) and spaces != "pre-line")
         return replace(
             style,
+            face=face,
             anchor=said.get("text-anchor", style.anchor),
             baseline=said.get("dominant-baseline", style.baseline),
         )
@@ -145,7 +146,7 @@ class TextLine:
 
     def add(self, said: str, style: TextStyle, line: int, *, seen: bool) -> None:
         """Write more; spaces count once, but where they are kept. DrawingError: too much."""
-        for letter in _SPACES.sub(" ", said) if style.keeps_spaces else _one_line(said):
+        for letter in _SPACES.sub(" ", said if style.keeps_spaces else said.replace("\r", "")):
             last = self._letters[-1] if self._letters else None
             doubled = last is None or (last.letter == " " and not last.style.keeps_spaces)
             if letter == " " and doubled and not style.keeps_spaces:
@@ -206,11 +207,6 @@ class TextLine:
 
     def _glyph(self, one: Letter) -> Glyph:
         return self._face(one).glyphs.get(one.letter, Glyph())
-
-
-def _one_line(said: str) -> str:
-    """As XML has it by default: without line breaks, a tab is a space (SVG 1.1, 10.15)."""
-    return said.replace("\r", "").replace("\n", " ").replace("\t", " ")
 
 
 def _anchored(
