@@ -39,11 +39,12 @@ class RawPage:
         host: str = "",
         cookie: str = "",
         version: str = viser.__version__,
+        query: str = "",
     ) -> None:
         here = f"127.0.0.1:{port}"
         headers = {"Cookie": cookie} if cookie else {}
         self.socket: ClientConnection = connect(
-            f"ws://{host or here}/",
+            f"ws://{host or here}/{query}",
             sock=socket.create_connection(("127.0.0.1", port), timeout=PATIENCE_S),
             origin=None if origin is None else Origin(origin or f"http://{host or here}"),
             subprotocols=[Subprotocol(f"viser-v{version}")],

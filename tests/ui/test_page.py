@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import gc
+import json
 import logging
 import math
 import threading
@@ -15,11 +16,16 @@ import numpy as np
 import pytest
 from tests.browser.served_arm import served_arm
 from tests.ui.guard_kit import PATIENCE_S, RawPage, uuid_of
+from websockets import Origin
+from websockets.sync.client import connect
 
 from armctl.protocol import Snapshot
+from armctl.ui import app
 from armctl.ui import page as pages
 from armctl.ui.console import page_name
 from armctl.ui.guard.filter import FloodGauge
+from armctl.ui.guard.parts import PARTS_PATH
+from armctl.ui.tabs import TABS
 
 GARBAGE = ("garbage", "", True, -1e9, 1e9, math.nan, math.inf, 10**18, (1.0, 2.0), ())
 
@@ -79,6 +85,26 @@ def test_what_a_page_still_waits_for_at_the_end_is_no_error(
     waiting.clear()
     gc.collect()
     assert [record.getMessage() for record in caplog.records if record.levelno >= logging.ERROR] == []
+
+
+def test_the_bar_of_a_page_comes_ahead_of_its_tabs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(app, "_DRAWN_S", 10 * PATIENCE_S)
+    with served_arm(tmp_path) as served:
+        port = served.app.server.get_port()
+        here = f"127.0.0.1:{port}"
+        with (
+            RawPage(port, query="?page=0f&load=1") as page,
+            connect(f"ws://{here}{PARTS_PATH}", origin=Origin(f"http://{here}")) as line,
+        ):
+            line.send(json.dumps({"page": "0f", "load": "1"}))
+            page.introduce()
+            parts: dict[str, str] = {}
+            while "Enable" not in parts.get("bar", ""):
+                parts |= json.loads(line.recv(timeout=PATIENCE_S))["parts"]
+            (only,) = served.app._pages.values()
+            assert only.session.operates and len(only._unbuilt) == 1 + len(TABS)
+            line.send(json.dumps({"do": "drawn"}))
+            page.read_until(b"operates the arm")  # in the log, which is built last
 
 
 @pytest.mark.logs_a_defect

@@ -17,7 +17,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
 from armctl.ui.guard import GuardedServer, guarded_server
-from armctl.ui.guard.parts import MOST_TYPED, PartLines, Parts
+from armctl.ui.guard.parts import MOST_TYPED, PartLines, Parts, page_load
 
 PAGE = "0123456789abcdef"
 
@@ -225,6 +225,33 @@ def test_a_page_with_another_arm_gets_its_parts_on_a_new_line(server: GuardedSer
         with pytest.raises(ConnectionClosed):  # once all before it is done
             hear(page)
     assert before.empty()
+
+
+def test_the_same_parts_linked_again_keep_their_line(server: GuardedServer) -> None:
+    """First by what the page says where it opens viser's line, then by what it answers there."""
+    parts, chosen = parts_of(server, "mine", load="1")
+    with line(server) as page:
+        page.send(json.dumps({"page": PAGE, "load": "1"}))
+        hear(page)
+        server.get_event_loop().call_soon_threadsafe(server.part_lines.link, PAGE, "1", parts)
+        page.send(json.dumps({"do": "way", "key": "1"}))
+        assert chosen.get(timeout=PATIENCE_S) == "1"
+
+
+@pytest.mark.parametrize(
+    ("path", "said"),
+    [
+        ("/?page=0f&load=1.2", ("0f", "1.2")),
+        ("/?load=1&page=0f&token=x", ("0f", "1")),
+        ("/", None),
+        ("/?page=0f", None),
+        ("/?page=&load=1", None),
+        (f"/?page={'0' * 129}&load=1", None),
+        (f"/?page=0f&load=1&{'x' * 10_000}", None),
+    ],
+)
+def test_what_a_path_says_of_its_page(path: str, said: tuple[str, str] | None) -> None:
+    assert page_load(path) == said
 
 
 def test_a_page_that_is_loaded_anew_presses_nothing_of_the_one_before(server: GuardedServer) -> None:

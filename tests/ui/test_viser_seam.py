@@ -295,6 +295,7 @@ def test_dressed() -> None:
 
 CONTRACT = {
     "answer": ("viser-user:", "localStorage"),
+    "nameLine": ("type:`set_server`,server:", ".type===`set_server`"),
     "openTabs": ("aria-selected", "role:`tab`"),
     "tabsInView": ("aria-selected", "role:`tab`"),
     "tabsAround": ("data-dock-group",),

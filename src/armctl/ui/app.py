@@ -13,7 +13,7 @@ import viser
 
 from armctl.errors import ArmctlError
 from armctl.process.limits import near
-from armctl.protocol import Arrive, Leave, Origin, Snapshot
+from armctl.protocol import Arrive, Leave, Origin, Snapshot, Ticket
 from armctl.robot import CarriedPart, Robot
 from armctl.ui.bar import set_theme
 from armctl.ui.console import Console, page_name
@@ -34,6 +34,8 @@ SILENCE_S = 0.9
 _CLOSE_S = 5.0
 _FRAMES_A_REFRESH = 3
 _ARRIVING_S = 1.0
+_DRAWN_S = 0.3
+"""for so long a page's tabs wait for its bar"""
 
 
 _SWITCH_INTERVAL_S = 2e-4
@@ -103,10 +105,7 @@ class App:
     async def _connect(self, client: viser.ClientHandle) -> None:
         who = page_name(client.client_id)
         try:
-            lost = self._operator_lost
-            page = self._pages[client.client_id] = Page(client, self.robots, self._link, lost)
-            address = self.server.address_of(client.client_id)
-            await self._arrive(who, f"pages at {near(address)}" if address else "")
+            page = await self._begin(client)
             await page.build()
         except Exception:
             LOG.exception("%s could not be built", who)
@@ -123,6 +122,26 @@ class App:
             )
             page.session.notify("Control", text)
 
+    async def _begin(self, client: viser.ClientHandle) -> Page:
+        """A page with its bar, whose tabs are still empty.
+
+        The bar goes ahead of them, on the page's other line: what follows keeps the browser at work for long.
+        """
+        number, who = client.client_id, page_name(client.client_id)
+        address = self.server.address_of(number)
+        arrived = self._arrive(who, f"pages at {near(address)}" if address else "")
+        with client.atomic():
+            page = self._pages[number] = Page(client, self.robots, self._link, self._operator_lost)
+            with suppress(ArmctlError, TimeoutError):  # a page of an arm that does not answer is shown, too
+                await asyncio.wait_for(asyncio.wrap_future(arrived.finished), _ARRIVING_S)
+            page.show_bar()
+            said = self.server.introduced(number)
+            if said is not None and not page.session.closed:
+                self.server.part_lines.link(*said, page.session.parts)
+                with suppress(TimeoutError):
+                    await asyncio.wait_for(page.session.parts.drawn(), _DRAWN_S)
+        return page
+
     def _link(self, page: str, load: str, session: Session) -> None:
         """The lines of ``page``, which calls itself so, are those of a session."""
         self._lines.link(page, session.me)
@@ -134,14 +153,12 @@ class App:
             self._prepared = self._console.robot
             page.session.spawn(asyncio.to_thread(prepare, page.session.held))
 
-    async def _arrive(self, who: str, source: str) -> None:
-        """Tell the arm that a page is there; a page of an arm that does not answer is shown all the same."""
+    def _arrive(self, who: str, source: str) -> Ticket:
+        """Tell the arm that a page is there."""
         self.robots.pages.append(who)
         self.robots.sources[who] = source
         watch = self._return.former is not None  # control is kept for who had it
-        ticket = self._console.controller.submit(Arrive(who, watch), self.robots.origin(who))
-        with suppress(ArmctlError, TimeoutError):
-            await asyncio.wait_for(asyncio.wrap_future(ticket.finished), _ARRIVING_S)
+        return self._console.controller.submit(Arrive(who, watch), self.robots.origin(who))
 
     def _leave(self, who: str, why: str) -> None:
         """A page is gone: what moves at its command is stopped, and control is free."""

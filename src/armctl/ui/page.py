@@ -63,6 +63,10 @@ class Page:
         self._lay_out()
         self._begin()
 
+    def show_bar(self) -> None:
+        """Show in the bar what the arm does now."""
+        self._always.refresh(self.session.snapshot)
+
     async def build(self) -> None:
         """Fill the tabs one by one: what others ask for, STOP above all, waits for one tab at most.
 
@@ -71,7 +75,7 @@ class Page:
         """
         while not (self.built or self.session.closed):
             await self._robots.console.precedence.give_way()
-            self._always.refresh(self.session.snapshot)
+            self.show_bar()
             for _ in range(_TURNS):
                 await asyncio.sleep(0)
             self._build_next()

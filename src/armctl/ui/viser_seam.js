@@ -17,6 +17,16 @@ const armctlViser = (() => {
     };
   }
 
+  // viser's line is opened by a worker, which is told where: the server hears of it who opens it.
+  function nameLine(said) {
+    const post = Worker.prototype.postMessage;
+    Worker.prototype.postMessage = function (message, ...more) {
+      const opens = message?.type === "set_server";
+      const server = opens && `${message.server}/?${new URLSearchParams(said)}`;
+      return post.call(this, opens ? { ...message, server } : message, ...more);
+    };
+  }
+
   // The labels of the tabs that are open: viser does not tell the server.
   function openTabs() {
     const tabs = document.querySelectorAll("#root [role=tab][aria-selected=true]");
@@ -370,7 +380,7 @@ const armctlViser = (() => {
   }
 
   return {
-    answer, openTabs, tabsInView, openAgain, keepTabs, typedFields, typeAgain, name, furnishNotifications,
+    answer, nameLine, openTabs, tabsInView, openAgain, keepTabs, typedFields, typeAgain, name, furnishNotifications,
     letGoOfLists, drawNothing, darkenLabels, onSceneEdges, onScenePress, scene,
   };
 })();

@@ -105,8 +105,9 @@
     }
   }
 
-  // The server asks for these: so it learns which line is whose. The theme is the one chosen here, or else the
-  // system's.
+  // The parts of this page can come before viser has built its own. The server asks for these, too: so it learns that
+  // the page answers, and which line is whose. The theme is the one chosen here, or else the system's.
+  viser("nameLine", { page, load });
   viser("answer", {
     "armctl-page": () => `${page} ${load}`,
     "armctl-drawn-by": drawnBy,

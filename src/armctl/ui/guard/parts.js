@@ -19,6 +19,7 @@
   let unanswered = 0; // how much of what was told the server has not done yet
   let press = { left: 0, at: 0 }; // how much of that up to the last button, and when that was
   let retry = RETRY_MS[0];
+  let drawn = false;
 
   // The line: one websocket beside viser's.
   function open() {
@@ -31,6 +32,8 @@
       retry = RETRY_MS[0];
       document.documentElement.removeAttribute("data-armctl-parts-old");
       hear(JSON.parse(data));
+      if (!drawn) requestAnimationFrame(() => setTimeout(() => tell({ do: "drawn" }))); // once it is on the screen
+      drawn = true;
     };
     line.onclose = () => {
       if (press.left > 0 && performance.now() - press.at < WHY_MS) sayWhy(LOST);

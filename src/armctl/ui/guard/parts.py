@@ -8,7 +8,8 @@ all.
 A long list is a part's element ``data-rows=name``. Its rows travel by key: one that changes is sent alone.
 
 A page sends ``{"page": name, "load": which}`` once, with the name that it gave itself (``overlay.js``) and
-one for each time that it is loaded, then ``{"do": what, "key": of which, "value": as typed}``. It gets
+one for each time that it is loaded, then ``{"do": what, "key": of which, "value": as typed}``; ``drawn`` once
+it shows the first of them. It gets
 ``{"parts": {name: html}, "rows": {name: {"order": keys, "html": {key: html}}}, "done": number}`` with what
 has changed, and how much of what was done is in it.
 """
@@ -21,7 +22,8 @@ from contextlib import suppress
 from dataclasses import field
 from functools import partial
 from html import escape
-from typing import Annotated
+from typing import Annotated, NamedTuple
+from urllib.parse import parse_qs
 
 import msgspec
 import viser
@@ -36,9 +38,27 @@ PARTS_PATH = "/page"
 _MOST_BYTES = 16 << 10
 MOST_TYPED = 2000
 """characters of a value, each of which may take several bytes"""
-_Name = Annotated[str, msgspec.Meta(max_length=128)]
+_LONGEST_NAME = 128
+_Name = Annotated[str, msgspec.Meta(max_length=_LONGEST_NAME)]
 _UNKNOWN_S = 60.0
 """how long a line may wait until viser has its page"""
+
+
+class PageLoad(NamedTuple):
+    """What a page calls itself, and which of the times that it was loaded this is."""
+
+    page: str
+    load: str
+
+
+def page_load(path: str) -> PageLoad | None:
+    """What the path of viser's line says of its page (``nameLine`` in ``viser_seam.js``); None: nothing."""
+    query = path.partition("?")[2]
+    if len(query) > 4 * _LONGEST_NAME:
+        return None
+    said = parse_qs(query)
+    names = [said.get(name, [""])[0] for name in PageLoad._fields]
+    return PageLoad(*names) if all(0 < len(name) <= _LONGEST_NAME for name in names) else None
 
 
 class _Said(msgspec.Struct, forbid_unknown_fields=True):
@@ -77,6 +97,8 @@ class Parts:
         self._lines: list[_Unsent] = []
         self._actions: dict[str, Callable[[str], Awaitable[object] | None]] = {}
         self._values: dict[str, Callable[[str, str], Awaitable[object] | None]] = {}
+        self._drawn = asyncio.Event()
+        self.on("drawn", lambda _: self._drawn.set())
 
     def __getitem__(self, name: str) -> str:
         """What a part shows."""
@@ -135,6 +157,10 @@ class Parts:
     def on_value(self, do: str, action: Callable[[str, str], Awaitable[object] | None]) -> None:
         """Run ``action(key, value)`` where something with that key is given a value: what is typed."""
         self._values[do] = action
+
+    async def drawn(self) -> None:
+        """Wait until the page shows the first of them."""
+        await self._drawn.wait()
 
     async def done(self, do: str, key: str, value: str = "") -> None:
         """Something is done on the page. What nobody knows may be of a part that has gone."""
@@ -212,6 +238,8 @@ class PartLines:
 
         A line with others ends; the page opens a new one.
         """
+        if self._parts.get(page) is parts and self._loads[page] == load:
+            return
         self._end(page)
         self._parts[page], self._loads[page] = parts, load
         self._wake()

@@ -25,7 +25,7 @@ from armctl.ui.docs import ServedDocs
 from armctl.ui.guard.door import HOST_NAME, Door, SocketDoor
 from armctl.ui.guard.filter import LOG, MAX_FRAME_BYTES, GuardedConnection, Tally
 from armctl.ui.guard.listening import is_name, listening_socket, names_of, url_host
-from armctl.ui.guard.parts import PARTS_PATH, PartLines
+from armctl.ui.guard.parts import PARTS_PATH, PageLoad, PartLines, page_load
 from armctl.ui.guard.stop_line import STOP_PATH, OverlaidPage, StopLines
 from armctl.ui.viser_seam import (
     SUBPROTOCOL,
@@ -231,6 +231,12 @@ class GuardedServer(viser.ViserServer):
         """The address that a client comes from; empty: it is gone."""
         connection = connections_of(self).get(client_id)
         return "" if connection is None else str(connection.remote_address[0])
+
+    def introduced(self, client_id: int) -> PageLoad | None:
+        """How the page of a client has introduced itself where it opened its line; None: not at all."""
+        connection = connections_of(self).get(client_id)
+        request = None if connection is None else connection.request
+        return None if request is None else page_load(request.path)
 
     def request_share_url(self, verbose: bool = True) -> str | None:
         """Refuse: a public tunnel would let anybody drive the arm."""
