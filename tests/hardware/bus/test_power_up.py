@@ -63,14 +63,15 @@ def dynamixel_leaves(rng: np.random.Generator, servo: BusServo) -> None:
 def dynamixel_spoils(rng: np.random.Generator, servo: BusServo) -> None:
     """The same; a servo whose hardware error has cut its torque is among them."""
     assert isinstance(servo, SimulatedX)
+    place = servo.get("present_position")
     match int(rng.integers(4)):
         case 0:
             servo.put("operating_mode", int(rng.choice([0, 1, 4, 16])))
-        case 1:
-            servo.put("min_position_limit", min(4050, servo.get("present_position") + 140))
+        case 1 if place + 140 < 4095:
+            servo.put("min_position_limit", place + 140)
             servo.put("max_position_limit", 4095)
-        case 2:
-            servo.put("max_position_limit", max(0, servo.get("present_position") - 140))
+        case 1 | 2:
+            servo.put("max_position_limit", max(0, place - 140))
         case _:
             servo.fail(1 << 5)
 
