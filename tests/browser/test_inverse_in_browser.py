@@ -78,7 +78,8 @@ def test_a_solution_is_selected_in_the_curve_or_the_list_and_gone_to(
     solved: Screen, served: ServedArm
 ) -> None:
     robot, page = served.robot, solved
-    page.open_tab("Energy curve")
+    page.unfold("Criterion and movement", "Solve")
+    page.unfold("3520 solutions inside the limits", "Back to the least")
     for criterion, title in (
         ("least-rotation", "Energy (°): least-rotation"),
         ("least-travel", "Energy (s): least-travel"),
@@ -93,7 +94,7 @@ def test_a_solution_is_selected_in_the_curve_or_the_list_and_gone_to(
     least = page.number("On the curve °")
     box = plot.bounding_box()
     assert box is not None and box["width"] > 300
-    plot.click(position={"x": box["width"] / 4, "y": 100})
+    plot.click(position={"x": box["width"] / 4, "y": 50})
     page.wait_for_text(re.compile("selected row [1-9]"))
     page.wait_until(
         lambda: abs(page.number("On the curve °") - least) > 1, "the click has selected another solution"
@@ -102,8 +103,6 @@ def test_a_solution_is_selected_in_the_curve_or_the_list_and_gone_to(
     page.click("Back to the least")
     page.wait_until(lambda: page.number("On the curve °") == least, "the least is selected again")
     page.choose("Least energy is", "least-rotation")
-    page.open_tab("List")
-
     page.wait_for_text("front elbow-up: 1760; front elbow-down: 1760")
     found = solve(robot, Target.of(POINT), "least-rotation", robot.pose("home"))
     assert found.best is not None
@@ -136,6 +135,7 @@ def test_what_is_not_solved_or_not_listed_moves_nothing_and_what_is_solved_is_by
     solved: Screen, served: ServedArm
 ) -> None:
     page = solved
+    page.unfold("3520 solutions inside the limits", "Back to the least")
     for row in ("0", "-4", "3521", "99999999"):
         page.type_into("Row", row)
         page.wait_for_text("No row is selected; type a row from 1 to 3520.")
@@ -147,14 +147,14 @@ def test_what_is_not_solved_or_not_listed_moves_nothing_and_what_is_solved_is_by
         page.wait_for_notification(re.compile("Y mm"))
     page.type_into("Y mm", "-196")
     page.type_into("X mm", "200")
-    page.wait_for_text("The fields have changed: this button solves them first.")
-    page.wait_for_text("The fields have changed since the list was made; press Solve first.")
+    page.wait_for_text("The fields have changed: press Solve. Go by least energy solves them first.")
     page.wait_until(lambda: not page.is_enabled(SELECTED), "the button is off")
     assert served.commanded_deg == HOME
     page.click(LEAST)  # uses what the fields show, not what was solved
     stands_at(page, served, served.robot.inverse([0.2, -0.196, 0.085]).best("least-rotation"))
 
     page.type_xyz("220", "-196", "85")
+    page.unfold("Criterion and movement", "Solve")
     page.choose("Least energy is", "published")
     page.wait_for_text(re.compile("tables of the Uzuner paper"))
     page.click("Solve")
@@ -176,7 +176,6 @@ def test_what_is_not_solved_or_not_listed_moves_nothing_and_what_is_solved_is_by
     page.wait_for_text("1 solution inside the limits")
     page.click(LEAST)
     served.wait_for_deg(page, [0.0, 110.0, -80.0, -70.0, 12.0])
-    page.open_tab("Energy curve")
     page.wait_for_text(re.compile("No joint is free here"))
 
 
@@ -273,11 +272,11 @@ def test_both_solutions_of_the_lab_sheet_side_by_side_and_why_one_is_refused(
         screen.open_tab("Inverse")
         screen.type_xyz("0", "0", "700")
         screen.click("Solve")
-        screen.open_tab("Branches")
+        screen.unfold("Branches", "Solve")
         screen.wait_for_text("−131.63")
         screen.wait_for_text("−48.37")
         screen.wait_for_text("1 is chosen among the possible ones: the least energy by least-rotation.")
-        screen.tick("Show as ghosts")  # told in the tab: a hint would lie over "Go by least energy"
+        screen.tick("Show as ghosts")
         screen.wait_for_text("In the 3D view green is the branch of least energy")
         two_ghosts_at(screen, served, [0, 0, 700])
         screen.screenshot("inverse-branches-mico")

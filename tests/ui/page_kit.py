@@ -22,6 +22,7 @@ from armctl.ui.events import Action
 from armctl.ui.guard import GuardedServer
 from armctl.ui.guard.parts import Parts
 from armctl.ui.next_pose import NextPose
+from armctl.ui.offers import Offer
 from armctl.ui.robot_switch import RobotChoice
 from armctl.ui.scene.ghost import Ghost
 from armctl.ui.session import Session
@@ -104,8 +105,9 @@ class FakePage:
     def on_part_value(self, do: str, action: Callable[[str, str], Any]) -> None:
         self.parts.on_value(do, action)
 
-    def needs(self, *_: object, **__: object) -> None:
+    def needs(self, arm: Need | None, *controls: Any, also: Any = None, **_: object) -> Offer:
         """What would be refused is not looked at here."""
+        return Offer(controls, arm, also, reason=None, anyone=False)
 
     def why_not(self, arm: Need | None, snapshot: Snapshot) -> str | None:
         return None if snapshot.state is State.HOLDING else "the arm is moving; stop first"

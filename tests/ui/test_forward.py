@@ -5,12 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from tests.arms import FIVE
+from tests.ui.page_kit import FakePage
 
 from armctl.errors import InputError
 from armctl.kinematics import Target
 from armctl.kinematics.velocity import position_freedom
 from armctl.robot import Robot, load_robot
 from armctl.ui.guard import GuardedServer
+from armctl.ui.offers import NO_REASON
 from armctl.ui.tabs.forward.figures import (
     LAST,
     REFERENCE,
@@ -19,13 +21,14 @@ from armctl.ui.tabs.forward.figures import (
     jacobian_html,
     joint_rates_html,
     manipulability_html,
+    offers_html,
     pose_html,
     resulting_pose,
     results_html,
     tool_speeds_html,
     tool_velocity_html,
 )
-from armctl.ui.tabs.forward.screen import PoseFields, angle_fields, coupled_joints
+from armctl.ui.tabs.forward.screen import ForwardScreen, PoseFields, angle_fields, coupled_joints
 
 ROBOTS = tuple(load_robot(name) for name in FIVE)
 ROBOT, MICO, HUMANOID, SCORBOT = (load_robot(name) for name in ("uzuner", "mico", "humanoid", "scorbot"))
@@ -39,10 +42,18 @@ def test_results_tell_where_both_buttons_lead_and_what_is_outside(server: Guarde
     angles = angle_fields(server.gui, ROBOT, asked)
     html = results_html(ROBOT, angles, HOME)
     assert "→ reference" in html and "→ last position" in html
-    assert "With respect to last position: Shoulder: 180.00° is outside −3.19° … 146.83°" in html
-    assert "With respect to reference" not in html
-    angles.fill(np.radians([1, 1, 1, 1, 1]))
-    assert "Both are inside the joint limits" in results_html(ROBOT, angles, HOME)
+    page = FakePage(server, ROBOT, HOME)
+    screen = ForwardScreen(page.session)
+    page.put("Shoulder °", "90")
+    assert screen._outside(REFERENCE, page.session.snapshot) is None
+    why = screen._outside(LAST, page.session.snapshot)
+    assert why is not None and "Shoulder: 180.00° is outside" in why
+    told = offers_html({REFERENCE: None, LAST: why})
+    assert "With respect to last position: Shoulder: 180.00° is outside −3.19° … 146.83°" in told
+    assert "reference" not in told and offers_html({REFERENCE: None, LAST: None}) == NO_REASON
+    assert offers_html({REFERENCE: "it is off", LAST: "it is off"}).count("It is off.") == 1
+    page.put("Shoulder °", "half")
+    assert screen._outside(LAST, page.session.snapshot) is None  # told elsewhere, and where it is pressed
     opened = results_html(ROBOT, angles, HOME, edited=False)
     assert "now" in opened and "→ reference" not in opened and "outside" not in opened
     assert "→ last position" in opened  # it is a way all the same

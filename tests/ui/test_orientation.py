@@ -20,7 +20,7 @@ from armctl.ui.guard import GuardedServer
 from armctl.ui.tabs.forward.figures import REFERENCE
 from armctl.ui.tabs.forward.screen import ForwardScreen, coupled_joints
 from armctl.ui.tabs.inverse.answer import solve
-from armctl.ui.tabs.inverse.answer_html import result_html
+from armctl.ui.tabs.inverse.answer_html import details_html, notice_html
 from armctl.ui.tabs.inverse.branches import branches_html
 from armctl.ui.tabs.inverse.screen import InverseScreen
 from armctl.ui.tabs.inverse.target_form import ANY, PITCH_AND_ROLL, WHOLE, TargetForm
@@ -100,7 +100,7 @@ def test_a_pose_that_cannot_be_had_leaves_the_angles(server: GuardedServer) -> N
     assert reach is not None
     there = Target.of(0.999 * reach, rotation=robot.forward(home)[:3, :3] @ np.diag([-1.0, 1.0, -1.0]))
     edge = solve(robot, there, "least-rotation", home)
-    shown = result_html(robot, edge)
+    shown = notice_html(robot, edge)
     assert "No solution in that orientation" in shown and "least energy will go to" not in shown
     assert edge.best is not None and edge.why_not and "not in that orientation" in say(edge.why_not)
     found = coupled_joints(robot, there, home)
@@ -164,7 +164,7 @@ def test_the_answer_says_how_the_tool_is_turned_and_what_is_free() -> None:
     robot, home = ARMS["seven"], ARMS["seven"].pose("home")
     pose = robot.forward(home)
     found = solve(robot, Target.of(pose[:3, 3], rotation=pose[:3, :3]), "least-rotation", home)
-    assert "in steps of 0.2° of Joint 7" in result_html(robot, found)
+    assert "in steps of 0.2° of Joint 7" in details_html(robot, found)
     assert "One joint is free" in branches_html(found) and "pitch" not in branches_html(found)
     assert not isinstance(found.curve, str) and found.curve.unit == "°"
 

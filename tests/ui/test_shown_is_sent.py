@@ -98,7 +98,7 @@ def test_a_point_out_of_reach_is_refused_in_the_words_of_the_result(page: FakePa
     for _ in range(2):  # solved by the button, and then known
         with pytest.raises(UnreachableError, match=re.escape("too far by 572.2 mm")):
             page.press(LEAST)
-    with pytest.raises(UnreachableError, match="there is no solution; the reason stands above"):
+    with pytest.raises(UnreachableError, match="there is no solution; the reason stands below"):
         page.press(SELECTED)
     assert page.sent == []
 

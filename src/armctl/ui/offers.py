@@ -10,15 +10,15 @@ from armctl.errors import ArmctlError
 from armctl.facts import Need, Reason
 from armctl.lazy_dataclass import dataclass
 from armctl.protocol import Snapshot
-from armctl.ui.widgets.html import EMPTY_LINE, LiveHtml, sentence, with_minus
+from armctl.ui.widgets.html import EMPTY_LINE, LiveHtml, sentence
 
 
-def _why_html(text: str) -> str:
-    """As high with one line as with two (``viser_console.css``)."""
-    return f"<div class='armctl-why'>{escape(with_minus(text))}</div>"
+def why_html(content: str) -> str:
+    """HTML as high with one line as with two (``viser_console.css``)."""
+    return f"<div class='armctl-why'>{content}</div>"
 
 
-NO_REASON = _why_html(EMPTY_LINE)
+NO_REASON = why_html(EMPTY_LINE)
 
 
 class Disableable(Protocol):
@@ -85,4 +85,4 @@ class Offer:
             self.reason.visible = shown is not None or self.keeps_line
             if shown != self._told:
                 self._told = shown
-                self.reason.show(_why_html(sentence(shown)) if shown else NO_REASON)
+                self.reason.show(why_html(escape(sentence(shown))) if shown else NO_REASON)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from html import escape
 
 import numpy as np
@@ -23,9 +24,21 @@ from armctl.kinematics.velocity import (
     turning_speeds,
 )
 from armctl.robot import Robot
+from armctl.ui.offers import NO_REASON, why_html
 from armctl.ui.session import Session
 from armctl.ui.widgets.angle_fields import held_at
-from armctl.ui.widgets.html import ERROR, GOOD, LiveHtml, fixed, heading, muted, numbers, refused, table
+from armctl.ui.widgets.html import (
+    ERROR,
+    GOOD,
+    LiveHtml,
+    fixed,
+    heading,
+    muted,
+    numbers,
+    refused,
+    sentence,
+    table,
+)
 from armctl.ui.widgets.number_field import DEGREES, MILLIMETRES, FieldArray, NumberField, field_grid
 
 _LEAST_PART = 0.35
@@ -285,16 +298,24 @@ def results_html(
         problems = refused(f"Nothing can be sent: {refusal}.")
     else:
         for name, how in (("reference", REFERENCE), ("last position", LAST))[not edited :]:
-            poses[f"→ {name}"] = q = resulting_pose(how, asked, present)
-            try:
-                robot.check_limits(q)
-            except ArmctlError as refusal:
-                problems += muted(f"✗ With respect to {name}: {refusal}.") if edited else ""
-    head = ["will go to", *(f"θ{i + 1}°" for i in range(robot.n)), "x mm", "y mm", "z mm"]
+            poses[f"→ {name}"] = resulting_pose(how, asked, present)
+    head = ["", *(f"{joint.title} °" for joint in robot.joints), "x mm", "y mm", "z mm"]
     rows = [
         [name, *(fixed(v, 1) for v in (*robot.shown(q).tolist(), *(1000 * robot.forward(q)[:3, 3]).tolist()))]
         for name, q in poses.items()
     ]
     html = table(head, rows, small=True)
     drawn = muted(f"The ghost shows the {ghost}.") if ghost else ""
-    return html + (problems or muted("Both are inside the joint limits.")) + drawn
+    return html + problems + drawn
+
+
+def offers_html(why: Mapping[str, str | Reason | None]) -> str:
+    """Why buttons cannot be pressed: once where it is the same, else of each."""
+    told = {how: sentence(reason) for how, reason in why.items() if reason is not None}
+    if not told:
+        return NO_REASON
+    if len(told) == len(why) and len(set(told.values())) == 1:
+        return why_html(escape(next(iter(told.values()))))
+    return why_html(
+        "".join(refused(f"{how.removeprefix('Go ').capitalize()}: {said}") for how, said in told.items())
+    )

@@ -21,6 +21,7 @@ from armctl.protocol import Snapshot
 from armctl.robot import Robot
 from armctl.ui.events import Newest, On, OneAtATime
 from armctl.ui.next_pose import End, Movement, PoseWriter
+from armctl.ui.offers import NO_REASON
 from armctl.ui.session import Session
 from armctl.ui.tabs.forward.figures import (
     LAST,
@@ -28,8 +29,8 @@ from armctl.ui.tabs.forward.figures import (
     REFERENCE,
     SHOWN,
     VelocityForm,
-    base_turns,
     jacobian_html,
+    offers_html,
     pose_html,
     resulting_pose,
     results_html,
@@ -50,6 +51,8 @@ from armctl.ui.widgets.profile_choice import MOVEMENTS, ProfileChoice
 _SHOWN_NOTE = "Which pose the ghost and these numbers show."
 _SAME_RAD = 1e-6
 _MOVING = "The fields take the pose of the arm once it stands."
+_TO_HINT = "Goes to the angles in the fields."
+_BY_HINT = "Turns each joint by the angle in its field, from where it stands."
 
 
 class ForwardScreen:
@@ -62,18 +65,21 @@ class ForwardScreen:
         self._drawn: tuple[object, ...] = ()
         self._written: tuple[object, ...] = ()
         gui = session.gui
-        LiveHtml(gui, "Nothing moves until a Go button is pressed.")
         tabs = gui.add_tab_group()
         with tabs.add_tab("Angles and pose"):
             with field_grid(gui):
                 self._angles = angle_fields(gui, self._robot, session.snapshot.q_command)
             self._coupling = PoseCoupling(session, self._angles, self._on_coupled)
             self._fill_with = gui.add_button_group("Fill with", ("present pose", *self._robot.poses))
-            self._results = LiveHtml(gui)
             self._movement = ProfileChoice(gui, session.on, MOVEMENTS)
-            absolute = gui.add_button(REFERENCE, icon=viser.Icon.PLAYER_PLAY)
-            relative = gui.add_button(LAST, icon=viser.Icon.PLAYER_PLAY)
-            session.needs(Need.HOLDING, absolute, relative)
+            absolute = gui.add_button(REFERENCE, icon=viser.Icon.PLAYER_PLAY, color="gray", hint=_TO_HINT)
+            relative = gui.add_button(LAST, icon=viser.Icon.PLAYER_PLAY, color="gray", hint=_BY_HINT)
+            self._offers = {
+                how: session.needs(Need.HOLDING, button, also=partial(self._outside, how), told=False)
+                for how, button in ((REFERENCE, absolute), (LAST, relative))
+            }
+            self._why_not = LiveHtml(gui, NO_REASON)
+            self._results = LiveHtml(gui)
         with tabs.add_tab("Matrix and Jacobian"):
             self._shown = gui.add_dropdown("Show for", SHOWN, initial_value=SHOWN[0], hint=_SHOWN_NOTE)
             self._pose, self._jacobian = LiveHtml(gui), LiveHtml(gui)
@@ -92,7 +98,22 @@ class ForwardScreen:
     def refresh(self, snapshot: Snapshot) -> None:
         """Keep what depends on where the arm is up to date."""
         if self._session.sees("Forward"):
+            self._why_not.show(offers_html({how: offer.why for how, offer in self._offers.items()}))
             self._draw(snapshot)
+
+    def _outside(self, how: str, snapshot: Snapshot) -> str | None:
+        """Why the limits keep the arm from where a button would send it; half typed is told elsewhere."""
+        if self._coupling.unmet is not None or self._coupling.computing:
+            return None
+        try:
+            asked = self._angles.array
+        except ArmctlError:
+            return None
+        try:
+            self._robot.check_limits(resulting_pose(how, asked, self._standing(snapshot)))
+        except ArmctlError as refusal:
+            return str(refusal)
+        return None
 
     def _how(self) -> Movement:
         return self._movement.checked()
@@ -336,7 +357,7 @@ class PoseCoupling:
         self._before: FloatArray = session.snapshot.q_command.copy()
         with field_grid(gui):
             self.pose = PoseFields(gui, self._robot, self._before)
-        self._line = LiveHtml(gui, self._pose_line(self._before))
+        self._line = LiveHtml(gui, visible=False)
         self._take = gui.add_button("Take nearest pose", color="orange", visible=False)
         self.unmet: Reason | None = None
         """why the pose fields and the angle fields are not the same pose; None: they are, or ``computing``"""
@@ -364,7 +385,7 @@ class PoseCoupling:
         except ArmctlError:  # half-typed, which the screen says and refuses to use
             return
         self.pose.fill(q)
-        self._met(q)
+        self._met()
 
     async def _follow_pose(self, field: TextEntry) -> None:
         """Solve what the pose fields hold; ``field`` is the one that is typed into."""
@@ -406,19 +427,14 @@ class PoseCoupling:
         self._angles.fill(q)
         if not self.pose.holds_turn(edited):
             self.pose.fill(q, turn_only=True)
-        self._met(q, found)
+        self._met(found)
         self._changed()
 
-    def _met(self, q: FloatArray, found: CoupledJoints | None = None) -> None:
-        """Tell whether the fields are one pose, that at ``q`` (n,) [rad], or why ``found`` is not."""
+    def _met(self, found: CoupledJoints | None = None) -> None:
+        """Tell whether the fields are one pose, or why ``found`` is not."""
         self.computing = False
         self.unmet, self._nearest = (found.why_not, found.nearest_q) if found else (None, None)
         self._take.visible = self._nearest is not None
         why = refused(f"The joint angles stay as they are: {say(self.unmet)}.") if self.unmet else ""
-        self._line.show(why or self._pose_line(q))
-
-    def _pose_line(self, q: FloatArray) -> str:
-        if self.pose.orientation is not None:  # its fields show it
-            return ""
-        turns = ", ".join(f"{name} {angle}" for name, angle in base_turns(self._robot.forward(q), 2))
-        return muted(f"As turns about the base's axes: {turns}")
+        self._line.show(why)
+        self._line.visible = bool(why)

@@ -231,16 +231,17 @@ class Costs(NamedTuple):
     """sum of |joint angles|"""
     time_s: float
     """from the present pose, all joints together by a cubic"""
-    travel_s: float
-    """from the present pose, one joint after the other at full speed"""
+    travel_deg: float
+    """from the present pose, of all joints"""
     load: float
     """of all joints against gravity, as ``least-torque`` counts it, in its unit; 0: no link has a mass"""
 
 
-_COSTS: dict[Criterion, Callable[[Costs], float]] = {
-    "shortest-time": lambda one: one.time_s,
-    "least-travel": lambda one: one.travel_s,
-    "least-rotation": lambda one: one.rotation_deg,
+_LEAST_OF: dict[str, Callable[[Costs], float]] = {
+    "fastest": lambda one: one.time_s,
+    "least travel": lambda one: one.travel_deg,
+    "least load": lambda one: one.load,
+    "least rotation": lambda one: one.rotation_deg,
 }
 
 
@@ -291,10 +292,10 @@ def costs(found: RankedSolutions, q: FloatArray) -> Costs:
     def of(criterion: Criterion) -> float:
         return float(energies(criterion, q[None], arm.energy, arm.pitch_joints, start)[0])
 
-    load = 0.0
-    if arm.energy.gravity.weighs:
-        load = float(_shown("least-torque", np.array(of("least-torque")), arm.energy))
-    return Costs(to_degrees(of("least-rotation")), of("shortest-time"), of("least-travel"), load)
+    weighs = arm.energy.gravity.weighs
+    load = float(_shown("least-torque", np.array(of("least-torque")), arm.energy)) if weighs else 0.0
+    travel = to_degrees(float(np.abs(q - start).sum()))
+    return Costs(to_degrees(of("least-rotation")), of("shortest-time"), travel, load)
 
 
 # The ways to a target: of a joint that is free the best of each piece; whole turns are folded.
@@ -316,8 +317,8 @@ class Way:
     costs: Costs
     folded: bool = False
     """its rows differ by whole turns of joints, or by a roll that is free, alone"""
-    least: tuple[Criterion, ...] = ()
-    """the criteria by which it is the least of those that may be gone to, where none is of a continuum"""
+    least: tuple[str, ...] = ()
+    """of these ways that may be gone to"""
 
 
 def ways_to(found: RankedSolutions) -> tuple[Way, ...]:
@@ -334,8 +335,6 @@ def ways_to(found: RankedSolutions) -> tuple[Way, ...]:
         key=lambda way: (bool(way.refused), way.row or last),
     )
     possible = [way.costs for way in ways if not way.refused]
-    if not found.verdicts or len(possible) < 2:  # of a continuum another solution of a way may cost less
-        return tuple(ways)
     return tuple(way if way.refused else replace(way, least=_least_by(way.costs, possible)) for way in ways)
 
 
@@ -347,8 +346,11 @@ def _turned(found: RankedSolutions, q: FloatArray) -> NDArray[np.int64]:
     return np.flatnonzero(alike) + 1
 
 
-def _least_by(one: Costs, of: Sequence[Costs]) -> tuple[Criterion, ...]:
-    return tuple(name for name, cost in _COSTS.items() if cost(one) <= _SAME_COST * min(map(cost, of)))
+def _least_by(one: Costs, of: Sequence[Costs]) -> tuple[str, ...]:
+    """What it is the least of, where not all are alike."""
+    costs_of = {name: [cost(each) for each in of] for name, cost in _LEAST_OF.items()}
+    least = {name: _SAME_COST * min(all_of) for name, all_of in costs_of.items()}
+    return tuple(n for n, cost in _LEAST_OF.items() if cost(one) <= least[n] < max(costs_of[n]))
 
 
 def _way(found: RankedSolutions, name: str, rows: NDArray[np.int64], one: BranchVerdict | None) -> Way:
@@ -430,7 +432,7 @@ def _energy_curve(robot: Robot, found: RankedSolutions) -> Curves | str:
         np.minimum.at(energy, place.reshape(-1)[here], found.energy[here])
         energy[~np.isfinite(energy)] = np.nan
         if np.isfinite(energy[kept]).any():  # else the criterion admits none of this branch
-            lines.append(PlotLine(name, energy[kept], color_of(i)))
+            lines.append(PlotLine(short_branch(name), energy[kept], color_of(i)))
     if not lines:
         return "The criterion excludes every solution."
     least = () if found.best is None else (on_curve(found, "least energy", found.best, "#e03131"),)

@@ -8,7 +8,6 @@ from html import escape
 import numpy as np
 
 from armctl.arrays import FloatArray
-from armctl.kinematics import Criterion
 from armctl.motion import FLOOR_TOLERANCE_M
 from armctl.robot import Robot
 from armctl.ui.tabs.inverse.answer import (
@@ -17,36 +16,50 @@ from armctl.ui.tabs.inverse.answer import (
     RankedSolutions,
     Representative,
     Way,
-    counted,
     short_branch,
     unit_of,
 )
 from armctl.ui.widgets.html import fixed, muted, numbers, refused, sentence, strong, table, warned
 
 
-def result_html(robot: Robot, found: RankedSolutions) -> str:
-    """Count and branches, and the configuration of least energy; or why there is none."""
+def notice_html(robot: Robot, found: RankedSolutions) -> str:
+    """What is to be known before a way is chosen: that there is none, or that the best one is refused."""
     solutions, best = found.solutions, found.best
     why_not = refused(sentence(found.why_not)) if found.why_not else ""
     if not solutions.success:
-        text = strong("No solution") + why_not
         nearest = solutions.nearest_m
-        return text if nearest is None else text + _floor_note(robot, "The nearest point", nearest)
+        floor = "" if nearest is None else _floor_note(robot, "The nearest point", nearest)
+        return strong("No solution") + why_not + floor
+    text = _floor_note(robot, "The point", solutions.target.position)
+    if best is None:
+        return why_not + text
+    if found.why_not:
+        nearest = _in_one_line(numbers(robot.shown(best).tolist(), 3))
+        text = f"<div>the nearest that was found: {nearest}</div>" + text
+        return strong("No solution in that orientation") + why_not + text
+    text += way_html(found.way_refused)
+    if found.instead is not None:
+        text += (
+            f"<div>Go by least energy goes to row {found.instead} instead, the best that is possible.</div>"
+        )
+    return text
+
+
+def details_html(robot: Robot, found: RankedSolutions) -> str:
+    """Of how many branches the solutions are, and the one of least energy; empty where there is none."""
+    solutions, best = found.solutions, found.best
+    if not solutions.success:
+        return ""
+    if best is not None and found.why_not:
+        return muted("They have the point, and come as near to that orientation as they can.")
     used = zip(*np.unique(solutions.branch_index, return_counts=True), strict=True)
     branches = "; ".join(f"{solutions.branch_names[i]}: {count}" for i, count in used)
-    angles = "" if best is None else numbers(robot.shown(best).tolist(), 3)
-    if best is not None and found.why_not:
-        text = strong("No solution in that orientation") + why_not
-        text += f"<div>the nearest that was found: {_in_one_line(angles)}</div>"
-        text += muted(f"The list has {counted(len(solutions))} of the point, as near to that orientation.")
-        return text + _floor_note(robot, "The point", solutions.target.position)
-    text = strong(f"{counted(len(solutions))} inside the limits")
-    text += muted(branches + ("" if solutions.complete else f"; {solutions.incomplete_reason}"))
-    text += _floor_note(robot, "The point", solutions.target.position)
+    text = muted(branches + ("" if solutions.complete else f"; {solutions.incomplete_reason}"))
     if best is None:
-        return text + why_not
+        return text
     error_mm = 1000 * float(np.linalg.norm(robot.forward(best)[:3, 3] - solutions.target.position))
-    text += f"<div>least energy {'would' if found.way_refused else 'will'} go to {_in_one_line(angles)}</div>"
+    angles = _in_one_line(numbers(robot.shown(best).tolist(), 3))
+    text += f"<div>least energy {'would' if found.way_refused else 'will'} go to {angles}</div>"
     error = "below 0.001 mm" if error_mm < 1e-3 else f"{error_mm:.3f} mm"
     text += muted(f"{solutions.branch_of(best)}; energy {found.energy_text(best)}; error {error}")
     row_1 = found.q(1)
@@ -55,11 +68,6 @@ def result_html(robot: Robot, found: RankedSolutions) -> str:
         text += muted(f"The exact least: it lies between two rows of the list (row 1: {least}).")
     if found.criterion == "least-torque":
         text += muted(f"Torques count {solutions.arm.energy.gravity.counted}.")
-    text += way_html(found.way_refused)
-    if found.instead is not None:
-        angles = _in_one_line(numbers(robot.shown(found.q(found.instead)).tolist(), 3))
-        text += f"<div>Go by least energy goes to row {found.instead} instead: {angles}</div>"
-        text += muted("It is the best to which the arm may go.")
     return text
 
 
@@ -109,7 +117,7 @@ def _savings(rows: Sequence[Representative]) -> list[str]:
 
 def list_head(found: RankedSolutions) -> list[str]:
     """The heads of the list of solutions."""
-    return ["#", *theta_heads(len(found.start)), "branch", f"energy {found.unit}"]
+    return ["#", *(f"{joint.title} °" for joint in found.robot.joints), "branch", f"energy {found.unit}"]
 
 
 def list_row(found: RankedSolutions, row: int) -> list[str]:
@@ -147,26 +155,21 @@ def _in_one_line(angles: str) -> str:
     return f"<span style='white-space:nowrap'>θ = (<b>{angles}</b>)°</span>"
 
 
-def theta_heads(n: int) -> list[str]:
-    """Heads of the columns of ``n`` joint angles."""
-    return [f"θ{i + 1}°" for i in range(n)]
-
-
 # The ways to choose among, as cards.
 
 
-_LEAST: dict[Criterion, str] = {
-    "shortest-time": "fastest of these",
-    "least-travel": "least travel of these",
-    "least-rotation": "least rotation of these",
-}
 _WAYS_TOLD = (
-    "Time: by a planned movement from where the arm stands. Travel: what the joints would take one by one."
+    "Time: by a planned movement from where the arm stands. Travel: what its joints turn on the way, added "
+    "up. Load: what they bear there, all together."
 )
+_FEW_JOINTS = 5
+"""so many angles stand beside each other with a decimal on a narrow card"""
 _PICTURE, _DRAWN = 44, 36
 """width of a picture, and of the largest arm in it [px]"""
 _UPRIGHT_M = 1e-6
 """how far from the base's axis a tool is that points nowhere"""
+_ALONG = 1e-6
+"""how far off the vertical or the horizontal an axis is no more along it"""
 
 
 def ways_html(found: RankedSolutions, row: int | None, answer: int) -> str:
@@ -184,7 +187,7 @@ def ways_html(found: RankedSolutions, row: int | None, answer: int) -> str:
     free = found.solutions.free_joint
     each = "each " * (len(ways) > 1)
     about = "" if free is None else f", {each}the best as {found.robot.joints[free].title} turns"
-    may = f": {possible} possible" if len(ways) > 1 else "" if possible else ": refused"
+    may = "" if possible == len(ways) else f": {possible} possible" if len(ways) > 1 else ": refused"
     head = f"<span title='{_WAYS_TOLD}'><b>{many}</b>{may}{escape(about)}</span>"
     chosen = next((i for i, way in enumerate(ways) if row is not None and row in way.rows), None)
     pictures = _thumbnails(found.robot, np.array([way.q for way in ways]))
@@ -199,27 +202,34 @@ def ways_html(found: RankedSolutions, row: int | None, answer: int) -> str:
 def _card(found: RankedSolutions, way: Way, key: str, picture: str, *, chosen: bool, first: bool) -> str:
     """One that may be gone to with what it costs, another one with the reason."""
     if way.refused:
-        body = f"<em>{escape(way.refused)}</em>"
+        body, angles = f"<em>{escape(way.refused)}</em>", ""
     else:
         cost = way.costs
-        figures = [f"{fixed(cost.time_s, 2)} s", f"travel {fixed(cost.travel_s, 2)} s"]
+        figures = [f"{fixed(cost.time_s, 2)} s", f"{fixed(cost.travel_deg, 0)}° travel"]
         if cost.load:
             unit = unit_of("least-torque", found.solutions.arm.energy).removesuffix(" of stall")
             figures.append(f"load {fixed(cost.load, 0 if unit == '%' else 2)} {unit}")
-        badges = "".join(f"<span class=armctl-badge>{_LEAST[one]}</span>" for one in way.least)
+        badges = "".join(f"<span class=armctl-badge>{one}</span>" for one in way.least)
         more = len(way.rows) - 1
-        turns = f" {more} more by whole turns" * bool(way.folded and more)
-        body = f"<p>{escape(' · '.join(figures))}</p><p>{badges}{turns}</p>"
-    shown = found.robot.shown(way.q)
-    angles = "".join(f"<span>{fixed(float(angle), 1)}°</span>" for angle in shown)
+        turns = f"+{more} by whole turns" * bool(way.folded and more)
+        told = " · ".join(f"<span>{escape(figure)}</span>" for figure in figures)
+        body = f"<p>{told}</p><p>{badges}{turns}</p>"
+        digits = 1 if len(way.q) <= _FEW_JOINTS or len(found.choices) == 1 else 0
+        shown = (f"<span>{fixed(angle, digits)}°</span>" for angle in found.robot.shown(way.q).tolist())
+        angles = f"<div class=angles>{''.join(shown)}</div>"
     state = f"aria-selected={'true' if chosen else 'false'}" + " aria-disabled=true" * (way.row is None)
     return (
         f"<div class='armctl-card{' armctl-refused' * bool(way.refused)}' role=option {state} "
         f"tabindex={0 if first else -1} data-key={key} data-do=way data-look=look-way "
         f"title='{escape(way.refused)}'>"
-        f"{picture}<div><b>{escape(way.name.replace('-', ' '))}</b>{body}</div>"
-        f"<div class=angles>{angles}</div></div>"
+        f"{picture}<div><b>{escape(_in_words(way.name))}</b>{body}</div>{angles}</div>"
     )
+
+
+def _in_words(name: str) -> str:
+    """``front elbow-up`` as people say it."""
+    branch, *span = name.split(", ", 1)
+    return ", ".join([*(word.replace("-", " ") for word in branch.split()), *span])
 
 
 def _thumbnails(robot: Robot, q: FloatArray) -> list[str]:
@@ -245,10 +255,17 @@ def _thumbnail(at: FloatArray) -> str:
 def _flat(robot: Robot, q: FloatArray) -> FloatArray:
     """(k, points, 2) foot, joints and tool at ``q`` (k, n) [rad] in the plane of a picture, y down [m].
 
-    Seen from where the 3D view first stands.
+    From the side of an arm that turns about the vertical and bends about a horizontal axis, with the tool at
+    the right; else from where the 3D view first stands.
     """
     foot = np.broadcast_to([0.0, 0.0, min(0.0, robot.floor_z)], (len(q), 1, 3))
     points = np.concatenate([foot, robot.frames(q)[..., :3, 3], robot.forward(q)[:, None, :3, 3]], axis=1)
+    axes = robot.jacobian(q)[:, 3:, :2]  # of the first two joints
+    upright = np.abs(axes[:, 2])
+    if axes.shape[2] == 2 and bool((upright[:, 0] > 1 - _ALONG).all() and (upright[:, 1] < _ALONG).all()):
+        forward = np.einsum("kpi,ki->kp", points[..., :2], np.stack([axes[:, 1, 1], -axes[:, 0, 1]], axis=-1))
+        forward *= np.where(forward[:, -1:] < 0, -1.0, 1.0)
+        return np.stack([forward, -points[..., 2]], axis=-1)
     ahead = np.array([*robot.forward(robot.pose("home"))[:2, 3], 0.0])
     length = float(np.linalg.norm(ahead))
     ahead = ahead / length if length > _UPRIGHT_M else np.array([1.0, 0.0, 0.0])

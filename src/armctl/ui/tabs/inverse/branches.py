@@ -13,7 +13,6 @@ from armctl.ui.scene.arm_model import ArmFigure
 from armctl.ui.scene.ghost import THICKER
 from armctl.ui.session import Session
 from armctl.ui.tabs.inverse.answer import BranchVerdict, RankedSolutions, short_branch
-from armctl.ui.tabs.inverse.answer_html import theta_heads
 from armctl.ui.widgets.html import LiveHtml, fixed, muted, table
 
 TAB = "Inverse"
@@ -26,7 +25,7 @@ _SWEPT_MEND = (
     "This leaves joints free, so there are infinitely many solutions. To see the branches, "
     "ask for more of the tool's orientation above, then press Solve."
 )
-NOTHING = "Nothing is solved yet."
+_NOTHING = "Nothing is solved yet."
 
 
 class BranchView:
@@ -39,10 +38,9 @@ class BranchView:
         self._ghosts: list[viser.FrameHandle | viser.LabelHandle] = []
         self._answer: RankedSolutions | None = None
         gui = session.gui
-        self._ticked = gui.add_checkbox("Show as ghosts", initial_value=False)
-        # no hint on the checkbox: it would lie over the Go button above
+        self._ticked = gui.add_checkbox("Show as ghosts", initial_value=False, disabled=True)
         self._legend = LiveHtml(gui, muted(_LEGEND), visible=False)
-        self._table = LiveHtml(gui, muted(NOTHING))
+        self._table = LiveHtml(gui, muted(_NOTHING))
         session.on(self._ticked.on_update, self._on_ticked)
 
     @property
@@ -54,6 +52,7 @@ class BranchView:
         """Show the branches of an answer."""
         self._answer = found
         self._legend.visible = bool(found.verdicts)
+        self._ticked.disabled = not found.verdicts
         self._table.show(branches_html(found))
         self._draw()
 
@@ -61,7 +60,8 @@ class BranchView:
         """There is no answer any more."""
         self._answer = None
         self._legend.visible = False
-        self._table.show(muted(NOTHING))
+        self._ticked.disabled = True
+        self._table.show(muted(_NOTHING))
         self._draw()
 
     def refresh(self) -> None:
@@ -119,7 +119,8 @@ def branches_html(found: RankedSolutions) -> str:
         if found.solutions.free_joint is None:
             return muted("No branch has this orientation; List has the nearest.")
         return muted("One joint is free here, so there are infinitely many solutions. See List for a few.")
-    head = ["#", "branch", *theta_heads(len(found.start)), f"energy {found.unit}", "verdict"]
+    joints = (f"{joint.title} °" for joint in found.robot.joints)
+    head = ["#", "branch", *joints, f"energy {found.unit}", "verdict"]
     rows = [
         [
             str(one.number),

@@ -1,4 +1,4 @@
-"""The energy curve of a target over its free joint: a graph and a slider, to choose along it."""
+"""The energy curve of a target over its free joint: a graph, and a slider elsewhere, to choose along it."""
 
 from __future__ import annotations
 
@@ -7,14 +7,13 @@ from dataclasses import replace
 
 from armctl.ui.session import Session
 from armctl.ui.tabs.inverse.answer import RankedSolutions, on_curve
-from armctl.ui.tabs.inverse.branches import NOTHING
 from armctl.ui.widgets.graph import Graph, graph_html
 from armctl.ui.widgets.html import LiveHtml, muted
 
 _PART = "curve"
 _ALONG = "On the curve °"
 _ALONG_HINT = "The free joint: move along the curve, and the nearest solution is selected."
-_SELECTED_INK = "#1c7ed6"
+_SELECTED_INK = "#0c8599"
 _NOTE = "Every solution as {} turns. Click or drag in the graph to select; then the wheel zooms."
 
 
@@ -26,18 +25,21 @@ class EnergyCurveView:
         self._robot = session.console.robot
         self._answer: RankedSolutions | None = None
         self._row: int | None = None
-        gui = session.gui
-        self._note = LiveHtml(gui, muted(NOTHING))
-        session.parts.add(gui, _PART)
+        session.parts.add(session.gui, _PART)
         self._graph = Graph(
             session, _PART, self._on_cursor, self._draw, scrolls=True, cursor="Place on the curve"
         )
+
+    def add_slider(self) -> None:
+        """Add to the present container what tells about the curve, and moves along it in steps."""
+        session, gui = self._session, self._session.gui
+        self._note = LiveHtml(gui)
         self._along = gui.add_slider(
             _ALONG, 0.0, 1.0, 0.01, initial_value=0.0, visible=False, hint=_ALONG_HINT
         )
         self._least = gui.add_button("Back to the least", color="gray", visible=False)
         session.on(self._along.on_update, self._on_along)
-        session.on(self._least.on_click, lambda: select(1))
+        session.on(self._least.on_click, lambda: self._select(1))
 
     def show(self, found: RankedSolutions, row: int | None) -> None:
         """Show the curve of an answer, or why there is none."""
@@ -66,7 +68,6 @@ class EnergyCurveView:
         self._answer = None
         self._along.visible = self._least.visible = False
         self._session.parts.show(_PART, "")
-        self._note.show(muted(NOTHING))
 
     def _on_along(self) -> None:
         if self._answer is not None and self._answer.solutions.success:

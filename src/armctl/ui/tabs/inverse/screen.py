@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from functools import partial
+from html import escape
 
 import numpy as np
 import viser
@@ -14,31 +15,33 @@ from armctl.kinematics import CRITERION_TEXT, FROM_START, checked_criterion
 from armctl.protocol import Snapshot
 from armctl.ui.events import Newest, OneAtATime
 from armctl.ui.next_pose import Movement, PoseWriter
+from armctl.ui.offers import NO_REASON, why_html
 from armctl.ui.scene.ghost import Preview
 from armctl.ui.session import Session
 from armctl.ui.tabs.inverse.answer import RankedSolutions, Way, answer, counted, solve
 from armctl.ui.tabs.inverse.answer_html import (
     comparison_html,
+    details_html,
     list_head,
     list_row,
-    result_html,
+    notice_html,
     selected_html,
     ways_html,
 )
-from armctl.ui.tabs.inverse.branches import NOTHING, TAB, BranchView
+from armctl.ui.tabs.inverse.branches import TAB, BranchView
 from armctl.ui.tabs.inverse.curve import EnergyCurveView
 from armctl.ui.tabs.inverse.target_form import TargetForm
-from armctl.ui.widgets.html import EMPTY_LINE, LiveHtml, Pager, muted, refused, warned
-from armctl.ui.widgets.number_field import field_grid
+from armctl.ui.widgets.html import LiveHtml, Pager, muted, refused, sentence, warned
+from armctl.ui.widgets.number_field import button_pairs, field_grid
 from armctl.ui.widgets.profile_choice import MOVEMENTS, ProfileChoice
 
-_NOTE = "Nothing moves until a Go button is pressed."
-_CHANGED = "The fields have changed: this button solves them first."
-_MOVED_SINCE = "The arm has moved since: this button solves anew first."
+_CHANGED = "The fields have changed: press Solve. Go by least energy solves them first."
+_MOVED_SINCE = "The arm has moved since: Go by least energy solves anew first."
 _JUDGED_BEFORE = "The arm has moved since: press Solve to judge the ways anew."
 _WAYS = "ways"
 _BY_ROW: str = "by its row number"
 _FEW_HINT = "The least by each criterion and of each branch. All solutions follow below."
+_FILL_HINT = "Fills the fields with where the tool is now."
 _MARK_COLOR = (214, 51, 108)
 _MOVED = 1e-4
 _DRAG_PAUSE_S = 0.1
@@ -59,37 +62,40 @@ class InverseScreen:
         self._newest, self._one_at_a_time = Newest(), asyncio.Lock()
         self._judging = OneAtATime(self._judge_selected)
         gui = session.gui
-        LiveHtml(gui, _NOTE)
         with field_grid(gui) as entered:  # Enter in a field is Solve
             self._form = TargetForm(session, OneAtATime(self._solve_dragged).run)
-        fill = gui.add_button_group("Fill with", ("present position",))
-        solve_fields = gui.add_button("Solve", icon=viser.Icon.TARGET)
-        self._result = LiveHtml(gui)
-        self._nearest = gui.add_button("Take nearest point", color="orange", visible=False)
+        with button_pairs(gui):  # all buttons stand above the answer: it moves none of them
+            solve_fields = gui.add_button("Solve", icon=viser.Icon.TARGET)
+            fill = gui.add_button("present position", color="gray", hint=_FILL_HINT)
+            go_least = gui.add_button("Go by least energy", icon=viser.Icon.PLAYER_PLAY, color="gray")
+            go_selected = gui.add_button("Go by the selected one", icon=viser.Icon.PLAYER_PLAY, color="gray")
+            self._offers = (  # why is told in the line below
+                session.needs(Need.HOLDING, go_selected, also=self._not_selected, told=False),
+                session.needs(Need.HOLDING, go_least, also=self._no_least, told=False),
+            )
+        self._line = LiveHtml(gui, NO_REASON)
+        self._notice = LiveHtml(gui, visible=False)
+        self._nearest = gui.add_button("Take nearest point", color="gray", visible=False)
         session.parts.add(gui, _WAYS)
-        self._stale = LiveHtml(gui)
-        """its line stays where there is nothing to say: the buttons do not move"""
-        go_least = gui.add_button("Go by least energy", icon=viser.Icon.PLAYER_PLAY)
-        self._selected = LiveHtml(gui, visible=False)
-        go_selected = gui.add_button("Go by the selected one", icon=viser.Icon.PLAYER_PLAY, color="gray")
-        # the same is told below the next one
-        session.needs(Need.HOLDING, go_least, also=self._no_least, told=False)
-        session.needs(Need.HOLDING, go_selected, also=self._not_selected)
-        own_first = sorted(self._robot.energy.criteria, key=lambda one: one != self._robot.criterion)
-        self._criterion = gui.add_dropdown("Least energy is", own_first)
-        self._criterion_note = LiveHtml(gui, muted(CRITERION_TEXT[checked_criterion(self._criterion.value)]))
-        self._movement = ProfileChoice(gui, session.on, MOVEMENTS)
-        tabs = gui.add_tab_group()
-        with tabs.add_tab("List"):
+        self._curve = EnergyCurveView(session, self._select)
+        self._all = gui.add_folder("Solutions", expand_by_default=False, visible=False)
+        with self._all:
+            self._details = LiveHtml(gui)
+            self._curve.add_slider()
             self._compared = LiveHtml(gui, visible=False)
             self._few = gui.add_dropdown("Select", (_BY_ROW,), visible=False, hint=_FEW_HINT)
-            self._list = LiveHtml(gui, muted(NOTHING))
+            self._selected = LiveHtml(gui, visible=False)
+            self._list = LiveHtml(gui)
             self._pager = Pager(gui, session.on, self._on_row)
             self._form.watch.watch(self._pager.attach_row_edit)
-        with tabs.add_tab("Energy curve"):
-            self._curve = EnergyCurveView(session, self._select)
-        with tabs.add_tab("Branches"):
+        self._of_branches = gui.add_folder("Branches", expand_by_default=False, visible=False)
+        with self._of_branches:
             self._branches = BranchView(session, self._show_ghost)
+        own_first = sorted(self._robot.energy.criteria, key=lambda one: one != self._robot.criterion)
+        with gui.add_folder("Criterion and movement", expand_by_default=False):
+            self._criterion = gui.add_dropdown("Least energy is", own_first)
+            self._criterion_note = LiveHtml(gui, muted(CRITERION_TEXT[checked_criterion(own_first[0])]))
+            self._movement = ProfileChoice(gui, session.on, MOVEMENTS)
         session.on(fill.on_click, self._on_fill)
         session.on(solve_fields.on_click, self._on_solve)
         session.on(entered.on_submit, self._on_solve)
@@ -107,7 +113,7 @@ class InverseScreen:
         if snapshot.state is not State.MOVING:  # a field that changes all the time cannot be typed into
             self._form.following.follow(self._session.next.shown(snapshot.q_command))
         self._branches.refresh()
-        self._stale.show(warned(self._out_of_date(snapshot) or self._judged_before(snapshot) or EMPTY_LINE))
+        self._line.show(self._line_html(snapshot))
         if self._fields_changed is not self._ghost_is_old:
             self._ghost_is_old = self._fields_changed
             if self._ghost_is_old:
@@ -129,6 +135,15 @@ class InverseScreen:
         self._session.next.clear()
         self._form.following.resume()
         self._form.following.follow(self._session.snapshot.q_command)
+
+    def _line_html(self, snapshot: Snapshot) -> str:
+        """That the answer is out of date, or why no button goes; its line stays where it says nothing."""
+        stale = self._out_of_date(snapshot) or self._judged_before(snapshot)
+        if stale:
+            return why_html(warned(stale))
+        why = next((offer.why for offer in self._offers if offer.why is not None), None)
+        unmet = self._answer is not None and not self._answer.solutions.success  # told below
+        return NO_REASON if why is None or unmet else why_html(escape(sentence(why)))
 
     @property
     def _fields_changed(self) -> bool:
@@ -254,7 +269,7 @@ class InverseScreen:
         if found is None:
             return "nothing is solved yet; press Solve first"
         if not found.solutions.success:
-            return "there is no solution; the reason stands above"
+            return "there is no solution; the reason stands below"
         if self._fields_changed:
             return "the fields have changed since the list was made; press Solve first"
         if self._pager.row is None:
@@ -296,10 +311,9 @@ class InverseScreen:
         """What the fields hold cannot be solved: no answer of others stays beside them."""
         self._answered = ()
         self._nearest.visible = self._mark.visible = False
-        self._compared.visible = self._few.visible = self._selected.visible = False
-        self._result.show(refused(f"{refusal}."))
+        self._all.visible = self._of_branches.visible = False
+        self._tell(refused(f"{refusal}."))
         self._pager.reset(0, None)
-        self._list.show(muted(NOTHING))
         self._curve.forget()
         self._branches.forget()
         self._session.parts.show(_WAYS, "")
@@ -310,16 +324,25 @@ class InverseScreen:
         solutions = found.solutions
         self._answer, self._ghost_is_old = found, False
         self._number += 1
-        self._result.show(result_html(self._robot, found))
+        self._tell(notice_html(self._robot, found))
+        self._all.visible = solutions.success
+        self._all.label = f"{counted(len(solutions))} inside the limits"
+        self._details.show(details_html(self._robot, found))
         self._nearest.visible = solutions.nearest_away_m > 0.0
         self._pager.reset(len(solutions), (found.instead or 1) if solutions.success else None)
         self._draw_list(found)
+        self._of_branches.visible = solutions.success or bool(found.verdicts)
         self._branches.show(found)
         self._mark.position = solutions.target.position
         self._mark.visible = True
         if not self._writer.overtaken:
             self._show_ghost()
         self._curve.show(found, self._pager.row)
+
+    def _tell(self, notice: str) -> None:
+        """What the ways below do not tell; mostly nothing."""
+        self._notice.show(notice)
+        self._notice.visible = bool(notice)
 
     def _show_ghost(self) -> None:
         """Where *Go by least energy* goes is the next pose; what only comes nearest is looked at."""
@@ -352,7 +375,6 @@ class InverseScreen:
         self._compared.visible = self._few.visible = len(found.representatives) > 1
         self._selected.visible = count > 0
         if count == 0:
-            self._list.show(muted("There is no solution."))
             return
         self._compared.show(comparison_html(found))
         labels = {one.row: one.label for one in found.representatives}
