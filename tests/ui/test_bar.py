@@ -13,8 +13,9 @@ from armctl.arrays import FloatArray
 from armctl.facts import State
 from armctl.hardware.boards import board_type
 from armctl.motion import plan_line
+from armctl.protocol import Control, Party
 from armctl.robot import Robot, load_robot
-from armctl.ui.bar import warning_lines, way_out, where_html
+from armctl.ui.bar import gist, take_html, warning_lines, way_out, where_html
 from armctl.ui.tabs.manual.joints import joint_steps, rounding_note, rounding_off_m
 
 SERVO_ARMS = ("uzuner", "abaas", "mico", "humanoid")
@@ -65,7 +66,7 @@ def test_a_kept_orientation_reads_the_same_all_along_a_line() -> None:
     home = robot.pose("home")
     line = plan_line(robot, home, robot.forward(home)[:3, 3] + [0.0, 0.08, 0.0], orientation="kept")
     told = {
-        re.search("<th>Rx</th>.*?<th>Pitch", where_html(robot, q))
+        re.search("Rx</th>.*?Pitch</th>", where_html(robot, q))
         for q in line.sample(np.linspace(0, line.duration, 9)).q
     }
     assert len({one[0] for one in told if one}) == 1 and None not in told
@@ -91,3 +92,30 @@ def test_a_fault_is_told_once_and_beside_the_state_stands_what_to_do() -> None:
     assert way_out(replace(fault, board=None)) == "connect again in Main"
     assert way_out(replace(fault, board=None, unreachable=True)) == "the arm does not answer"
     assert way_out(replace(fault, state=State.HOLDING)) == ""
+
+
+def test_where_nobody_knows_the_pose_no_number_is_shown_for_it() -> None:
+    robot = load_robot("uzuner")
+    q = robot.pose("rest")
+    unknown = where_html(robot, q, now=None)
+    assert "not known" in unknown and re.search(r"\d", unknown) is None
+    looked = where_html(robot, q, robot.pose("home"), now=None, kind="looked")
+    assert "looked at" in looked and "not known" not in looked
+    assert looked.count("<td class='looked'>") == robot.n + 5 and looked.count("<td>") == 1
+    assert "<th data-unit='°'>Shoulder</th><td>110.0</td>" in where_html(robot, q)
+
+
+def test_the_bar_has_the_gist_of_a_cause() -> None:
+    control = Control((Party("page 1", "Ada", operates=True), Party("page 2", "page 2")))
+    start = "connected to simulated Maestro (6) at /dev/pts/0 (start); pulses are off"
+    assert gist(start, control, "page 1") == "connected, servos are off"
+    assert gist("disconnected (page 1)", control, "page 1") == ""
+    assert gist("disconnected (page 1)", control, "page 2") == "disconnected (by Ada)"
+    assert gist("program finished", control, "page 1") == "program finished"
+
+
+def test_take_control_asks_in_its_own_button_and_keeps_its_name() -> None:
+    assert "asks" not in take_html("Ada", asks=False)
+    asked = take_html("A<da", asks=True)
+    assert "class='asks'" in asked and "aria-label='Take control'" in asked
+    assert "Take it from A&lt;da? Click again</button>" in asked and "<da" not in asked

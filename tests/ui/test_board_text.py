@@ -75,7 +75,7 @@ def test_what_enable_will_do(
     homing = () if homed is None else (AxisHoming("Waist", homed, False),)
     assert said in enable_note(replace(snapshot, powered=powered, homing=homing), board)
     lost = replace(snapshot, state=State.FAULT, board=None)
-    assert "then press Connect" in enable_note(lost, "encoder")
+    assert "Connect is in Main" in enable_note(lost, "encoder")
     again = "The board is plugged in again (/dev/ttyACM1). Press Connect in Main."
     assert again in enable_note(lost, "encoder", "/dev/ttyACM1")
     there = replace(lost, board=BoardIdentity("encoder board", "/dev/ttyACM0"))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import math
+import re
 from html import escape
 
 import numpy as np
@@ -22,6 +23,7 @@ from armctl.kinematics import roll_pitch_yaw
 from armctl.protocol import (
     ClearFault,
     ConfirmMessage,
+    Control,
     Message,
     Pause,
     Release,
@@ -60,7 +62,7 @@ class ControlBar:
     def __init__(self, session: Session) -> None:
         self._session = session
         self._enabling = EnableControl(session)
-        self._asks_release = False
+        self._asks_release = self._asks_take = False
         self._released_at = self._paused_at = self._asked_take = -math.inf
         self._speeds_said = 0
         """how often a speed was typed: the field shows what counts, also where it was refused"""
@@ -108,21 +110,26 @@ class ControlBar:
             then, kind = session.ghost.q, "looked"
         now, known, _ = source.partition(";")
         now = now if known else "now"  # "unknown; drawn where Enable would put it"
+        unknown = now.startswith("unknown")  # what is drawn then is nobody's pose
         before = self._where
         same = before is not None and _same(q, before[0]) and _same(then, before[1])
         if before is None or not same or (now, kind, snapshot.tool) != before[2:]:
             self._where = q, then, now, kind, snapshot.tool
-            session.parts.show(_WHERE, where_html(session.arm, q, then, now=now, kind=kind))
+            session.parts.show(
+                _WHERE, where_html(session.arm, q, then, now=None if unknown else now, kind=kind)
+            )
 
     # What it shows.
 
     def _bar(self, snapshot: Snapshot, cause: str, source: str) -> str:
         """``cause`` of the state; ``source`` of the position that is shown."""
         session, robot, shown = self._session, self._session.console.robot, source.partition(";")[0]
+        limp = f"<small>{len(snapshot.limp)} limp</small>" if snapshot.limp else ""
+        said = way_out(snapshot) or gist(cause, snapshot.control, session.me)
         state = (
-            f"<div class='state {snapshot.state.value}' role='status'>"
-            f"<b>{escape(capitals(state_words(snapshot.state)))}</b>"
-            f"<span title='{escape(cause)}'>{escape(with_minus(way_out(snapshot) or cause))}</span></div>"
+            f"<div class='state {snapshot.state.value}{' limp' if limp else ''}' role='status'>"
+            f"<b>{escape(capitals(state_words(snapshot.state)))}{limp}</b>"
+            f"<span title='{escape(cause)}'>{escape(with_minus(said))}</span></div>"
         )
         fault = snapshot.state is State.FAULT and snapshot.board is not None and not snapshot.unreachable
         on = button("enable", "Enable", why=self._enabling.why_not(snapshot))
@@ -133,7 +140,7 @@ class ControlBar:
             key="drop" if asks else "ask",
             why=session.why_not(None, snapshot) or _no_board(snapshot),
             title=_SINKS_NOTE if _sinks(snapshot) else _RELEASE_NOTE,
-            kind="warn" if asks else "",
+            kind="asks" if asks else "",
         )
         if fault:  # nothing can be paused then
             hold = button("clear", "Clear fault", why=session.why_not(None, snapshot), kind="warn")
@@ -144,7 +151,7 @@ class ControlBar:
         others = len(snapshot.control.parties) - (snapshot.control.operator is not None)
         second = f"<span>{others} watching</span>" if others else "<span></span>"
         if not session.operates:
-            second = button("take", "Take control")
+            second = take_html(session.operator, asks=self._asks_take)
         marks = f"<i hidden data-armctl-title='{escape(f'armctl – {robot.title}')}'></i>"
         if not session.operates:  # for the banner that is laid over the page
             marks += f"<i hidden data-armctl-watching='{escape(session.operator)}'></i>"
@@ -253,13 +260,20 @@ class ControlBar:
         """Where somebody else operates, the first click asks, a second one within a few seconds takes."""
         session = self._session
         now = asyncio.get_running_loop().time()
-        if session.snapshot.control.operator is not None and now - self._asked_take > _ASKED_S:
-            self._asked_take = now
-            what = f"{session.operator} operates the arm. Click Take control again to take it."
-            session.notify("Take control?", what, "yellow")
+        if session.snapshot.control.operator is not None and not self._asks_take:
+            self._asks_take, self._asked_take = True, now
+            self.refresh(session.snapshot)
+            session.spawn(self._forget_take(now))
             return
-        self._asked_take = -math.inf
+        self._asks_take = False
         await session.say(TakeControl())
+
+    async def _forget_take(self, asked_at: float) -> None:
+        """This question ends by itself, too."""
+        await asyncio.sleep(_ASKED_S)
+        if asked_at == self._asked_take and self._asks_take:
+            self._asks_take = False
+            self.refresh(self._session.snapshot)
 
     def _tell_control(self) -> None:
         """Tell the page that it has control now, or has lost it."""
@@ -267,6 +281,8 @@ class ControlBar:
         if session.snapshot.control.party(session.me) is None:
             return  # it has just come
         self._operated = session.operates
+        if session.operates:
+            self._asks_take = False
         if operated is None or operated is session.operates:
             return
         if session.operates:
@@ -300,6 +316,28 @@ class ControlBar:
             scene, robot = session.client.scene, session.console.robot
             self._darkened = [add_floor(scene, robot, dark=True), *repaint(scene, robot, ARM, "dark")]
         self.refresh(session.snapshot)
+
+
+def take_html(operator: str, *, asks: bool) -> str:
+    """The button by which a page that watches takes control; once pressed it asks, and is pressed again."""
+    if not asks:
+        return button("take", "Take control")
+    said = f"Take it from {operator}?"
+    return button("take", "", title="Take control", kind="asks").replace(
+        "></button>", f" aria-description='{escape(said)} Click again'>{escape(said)} Click again</button>"
+    )
+
+
+_CONNECTED = re.compile(r"^connected to .* \([^()]*\); ")
+_PLACE = re.compile(r" at /\S+")
+
+
+def gist(cause: str, control: Control, me: str) -> str:
+    """A cause as short as the bar has room for; its hint has all of it. ``me``: the page that shows it."""
+    short = _PLACE.sub("", _CONNECTED.sub("connected, ", cause)).replace("pulses are off", "servos are off")
+    for party in control.parties:
+        short = short.replace(f" ({party.id})", "" if party.id == me else f" (by {party.name})")
+    return "" if short == State.DISCONNECTED.value else short
 
 
 def way_out(snapshot: Snapshot) -> str:
@@ -355,38 +393,50 @@ _THEN = {"next": "next", "looked": "looked at"}
 
 
 def where_html(
-    robot: Robot, q: FloatArray, then: FloatArray | None = None, *, now: str = "now", kind: str = "next"
+    robot: Robot,
+    q: FloatArray,
+    then: FloatArray | None = None,
+    *,
+    now: str | None = "now",
+    kind: str = "next",
 ) -> str:
     """Joint angles and tool at ``q`` (n,) [rad], under ``now``, and at the next pose; None: there is none.
 
-    ``kind``: "next", or "looked" for a pose that is only looked at.
+    ``now`` None: nobody knows where the arm is, and ``q`` is only drawn. ``kind``: "next", or "looked" for a
+    pose that is only looked at.
     """
-    here = _figures(robot, q)
-    after = {} if then is None else _figures(robot, then)
-    rows = "".join(
-        f"<tr><th>{escape(name)}</th><td>{figure}</td>"
-        + (f"<td class='{kind}'>{after[name]}</td>" if after else "")
-        + "</tr>"
-        for name, figure in here.items()
-    )
-    heads = f"<td></td><th>{escape(now)}</th>" + (f"<th class='{kind}'>{_THEN[kind]}</th>" if after else "")
-    return f"<table aria-label='Joints and tool'><tr>{heads}</tr>{rows}</table>"
+    columns: list[tuple[str, str, list[str]]] = []
+    rows = _figures(robot, q)
+    if now is not None:
+        columns.append((now, "", [figure for _, _, figure in rows]))
+    elif then is None:
+        columns.append(("not known", "", ["–"] * len(rows)))
+    if then is not None:
+        columns.append((_THEN[kind], f" class='{kind}'", [figure for _, _, figure in _figures(robot, then)]))
+    heads = "".join(f"<th{style}>{escape(head)}</th>" for head, style, _ in columns)
+    html = f"<table aria-label='Joints and tool'><tr><td></td>{heads}</tr>"
+    for i, (name, unit, _) in enumerate(rows):
+        cells = "".join(f"<td{style}>{figures[i]}</td>" for _, style, figures in columns)
+        begins = " class='tool'" if i == robot.n else ""
+        html += f"<tr{begins}><th data-unit='{escape(unit)}'>{escape(name)}</th>{cells}</tr>"
+    return f"{html}</table>"
 
 
-def _figures(robot: Robot, q: FloatArray) -> dict[str, str]:
-    joints = {
-        joint.title: f"{fixed(angle, 2)}°"
+def _figures(robot: Robot, q: FloatArray) -> list[tuple[str, str, str]]:
+    """Name, unit and figure of each joint, then of the tool."""
+    rows = [
+        (joint.title, joint.unit.strip(), fixed(angle, 1))
         for joint, angle in zip(robot.joints, robot.shown(q).tolist(), strict=True)
-    }
+    ]
     T = robot.forward(q)
     point = (1000 * T[:3, 3]).tolist()
-    tool = {axis: f"{fixed(value, 1)} mm" for axis, value in zip("XYZ", point, strict=True)}
+    rows += [(axis, "mm", fixed(value, 1)) for axis, value in zip("XYZ", point, strict=True)]
     pitch, roll = robot.inverse_kinematics.pitch_and_roll(q)
     if robot.orients_tool:  # its roll counts from the plane of the arm, and changes as the base turns
         turns = map(to_degrees, roll_pitch_yaw(T[:3, :3]).tolist())
-        tool |= {f"R{axis}": f"{fixed(turn, 1)}°" for axis, turn in zip("xyz", turns, strict=True)}
+        rows += [(f"R{axis}", "°", fixed(turn, 1)) for axis, turn in zip("xyz", turns, strict=True)]
         roll = None
     for name, angle in (("Pitch", pitch), ("Roll", roll)):
         if angle is not None:
-            tool[name] = f"{fixed(to_degrees(angle), 1)}°"
-    return joints | tool
+            rows.append((name, "°", fixed(to_degrees(angle), 1)))
+    return rows

@@ -19,21 +19,20 @@ from armctl.ui.console import PortWatch
 from armctl.ui.session import Session
 from armctl.ui.widgets.angle_fields import angle_fields
 from armctl.ui.widgets.html import LiveHtml, button, refused, sentence
-from armctl.ui.widgets.number_field import EditWatch, FieldArray
+from armctl.ui.widgets.number_field import EditWatch, FieldArray, field_grid
 
 _ROUNDED_RAD = 0.01 * DEGREE
 """fields round what they are filled with"""
 _LOOK = (
     "The servos are off and cannot tell where the arm stands. <b>Look at the arm:</b> does it stand like "
-    "the orange ghost? If not, type its angles below, or put it there by hand. If the pose is wrong, the arm "
-    "jumps."
+    "the orange ghost? If not, type its angles, or put it there by hand. If the pose is wrong, the arm jumps."
 )
 _WAS_MOVING = "<b>The arm was moving when it was last seen.</b> The ghost shows where that was."
 _ENABLE_NOTE = "Enable asks where the arm stands. Then it switches the servos on, one by one: keep clear."
 _SIMULATED_NOTE = "Enable switches the servos of the simulated board on, in the rest pose."
 _TAKE_OVER_NOTE = "The servos are on: Enable takes the arm over where it stands. Nothing jumps."
 _MOTORS_NOTE = "Enable switches the motors on; they hold the arm where it stands."
-_LOST_NOTE = "Check the cable and the power, then press Connect in Main. Nothing moves by itself."
+_LOST_NOTE = "Connect is in Main. Nothing moves by itself."
 _BACK_NOTE = "The board is plugged in again ({}). Press Connect in Main. Nothing moves by itself."
 _UNREACHABLE_NOTE = "The arm does not answer; the line above says what to do. Nothing goes on by itself."
 _MOTORS_HOLD = "The motors are on and hold the arm where it stands; Release switches them off."
@@ -129,7 +128,7 @@ class EnableControl:
     def html(self, snapshot: Snapshot) -> str:
         """What Enable will do, or what must be done before; nothing while the arm is on, or is asked for."""
         if self._question.asked:
-            return "<p class='warn'>Answer the question “Is the arm here?”, above the tabs.</p>"
+            return "<p class='warn'>Answer “Is the arm here?”, above the tabs.</p>"
         if snapshot.powered and snapshot.state is not State.OFF and not snapshot.limp:
             return ""
         note = enable_note(snapshot, self._session.console.robot.board, self._ports.back_on)
@@ -137,7 +136,8 @@ class EnableControl:
         if self._clear is not None:
             label = f"Enable in {self._clear[1]}°"
             elsewhere = button("enable-elsewhere", label, why=self._session.why_not(Need.OFF, snapshot))
-        return f"<p>{escape(note)}</p>{elsewhere}"
+        kind = " class='warn'" if snapshot.limp else ""
+        return f"<p{kind}>{escape(note)}</p>{elsewhere}"
 
     async def enable(self) -> None:
         """Where nobody knows how the arm stands, the operator is asked first."""
@@ -187,11 +187,12 @@ class EnableQuestion:
         self._box = gui.add_folder("Is the arm here?", visible=False)
         with self._box:
             self._text = LiveHtml(gui)
-            yes = gui.add_button("Yes, enable here", icon=viser.Icon.BOLT, color="green")
-            rest = gui.add_button("It is at the rest pose")
-            cancel = gui.add_button("Cancel")
+            with field_grid(gui):
+                self._angles = angle_fields(gui, self._robot, self._robot.pose("rest"))
             self._problem = LiveHtml(gui)
-            self._angles = angle_fields(gui, self._robot, self._robot.pose("rest"))
+            yes = gui.add_button("Yes, enable here", icon=viser.Icon.BOLT)
+            rest = gui.add_button("It is at the rest pose", color="gray")
+            cancel = gui.add_button("Cancel", color="gray")
         session.needs(Need.OFF, yes, rest, told=False)
         self._watch = EditWatch(self._angles.fields)
         session.on(yes.on_click, self._on_yes)

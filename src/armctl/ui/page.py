@@ -24,6 +24,7 @@ _ROOMY_PX = 700
 """a scene as wide as this shows the arm beside the table of its motors"""
 _TURNS = 10
 """of the event loop: what a page says passes through several tasks until it is answered"""
+_MOST_DIGITS = 20
 _FIRST = -1.0
 """ahead of the tabs"""
 
@@ -38,6 +39,14 @@ def panel_widths(window: int) -> tuple[int, int]:
 def picture_size(width: int, height: int) -> tuple[int, int]:
     """Width and height of the scene in a window [px]; on a phone the tabs lie over its lower part."""
     return max(width - sum(panel_widths(width)), 1), max(height - _BAR_PX - _UNDER_PX, 1)
+
+
+def window_of(text: str) -> tuple[int, int] | None:
+    """Width and height as a page says them; None: it says something else."""
+    width, _, height = text.partition(" ")
+    if len(text) > _MOST_DIGITS or not (width.isdecimal() and height.isdecimal()):
+        return None
+    return int(width), max(int(height), 1)
 
 
 class Page:
@@ -94,6 +103,7 @@ class Page:
             self.session = Session(self.client, self._robots)
             self.session.spawn(self.session.find_line(self._link, self._lost))
             self.session.spawn(self._fit())
+            self.session.on_part_value("window", self._on_window)
             self.session.on_phone = self._window[0] < _PHONE_PX
             with self._content(_FIRST):
                 self._always = ControlBar(self.session)
@@ -118,13 +128,24 @@ class Page:
 
     async def _fit(self) -> None:
         """Lay the page out anew where its pixels are larger than those of the screen: phones, and zoom."""
-        width, _, height = (await self.session.recall("window") or "").partition(" ")
-        if not (width.isdecimal() and height.isdecimal()) or (int(width), int(height)) == self._window:
+        window = window_of(await self.session.recall("window") or "")
+        if window is None or window == self._window:
             return
-        self._window = int(width), max(int(height), 1)
+        self._window = window
         self.session.on_phone = self._window[0] < _PHONE_PX
         self._lay_out()
         self._look()
+
+    def _on_window(self, _: str, text: str) -> None:
+        """It is larger or smaller now: panels beside the scene become as wide as it has room for."""
+        window = window_of(text)
+        if window is None:
+            return
+        before, now = panel_widths(self._window[0]), panel_widths(window[0])
+        if all(before) and all(now):
+            self._window = window
+            if now != before:
+                self._lay_out()
 
     def _lay_out(self) -> None:
         """The program at the left, the tabs at the right; where there is no room, the program is folded."""

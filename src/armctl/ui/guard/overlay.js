@@ -13,6 +13,7 @@
   const LEFT_MS = 5000; // after which a page that viser has lost is loaded anew
   const RELOAD_MS = 20000; // so long a server may take to serve it
   const KNOCK_MS = 3000;
+  const SETTLED_MS = 300; // so long a window that is resized rests before it is told
   const AGAIN_MS = 10000; // so long what a page had may not be there again
   const STOP = "[data-armctl-stop]";
   const SECOND = "The line of STOP is lost. STOP goes over the page's own line: have the power switch at hand.";
@@ -251,10 +252,18 @@
     frame(document.getElementById("armctl-under"));
   });
 
+  // A window that is made larger or smaller gets the panels of its size (page.py).
+  let resized = 0;
+  addEventListener("resize", () => {
+    clearTimeout(resized);
+    resized = setTimeout(() => globalThis.armctlTell?.({ do: "window", value: `${innerWidth} ${innerHeight}` }), SETTLED_MS);
+  });
+
   // What lies under the scene is as high as it is, and as wide as the scene (frame.css).
   function frame(under) {
     const set = (name, pixels) => document.documentElement.style.setProperty(name, `${pixels}px`);
     new ResizeObserver(() => set("--armctl-under", under.offsetHeight)).observe(under);
+    new ResizeObserver(() => set("--armctl-told", told.offsetHeight)).observe(told); // messages lie above it
     viser("onSceneEdges", (left, right) => {
       set("--armctl-left", left);
       set("--armctl-right", right);

@@ -206,6 +206,14 @@ def button_pairs(gui: viser.GuiApi) -> viser.GuiFormHandle:
     return pairs
 
 
+def step_grid(gui: viser.GuiApi) -> viser.GuiFormHandle:
+    """A container for groups of two small buttons with a label: two of them stand in a row."""
+    grid = gui.add_form(None)
+    with grid:
+        gui.add_html("<i hidden data-armctl-steps></i>")  # for viser_console.css
+    return grid
+
+
 DEGREES, MILLIMETRES = to_degrees(1.0), 1000.0
 """what a field shows for 1 rad and 1 m"""
 

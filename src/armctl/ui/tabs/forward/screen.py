@@ -94,6 +94,7 @@ class ForwardScreen:
         session.on(self._shown.on_update, self._draw_anew)
         session.on(absolute.on_click, lambda: self._go(REFERENCE))
         session.on(relative.on_click, lambda: self._go(LAST))
+        self._draw(session.snapshot)  # as high as it will be, before somebody opens it
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Keep what depends on where the arm is up to date."""

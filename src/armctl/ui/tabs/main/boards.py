@@ -102,9 +102,7 @@ def _with_file(choice: RobotChoice) -> str:
 def about(robot: Robot) -> str:
     """Joints, gripper, source and what is assumed of a robot, as HTML."""
     joints = f"{robot.n} joints" + (" and a gripper" if robot.gripper is not None else "")
-    source = (
-        f"<b>{joints}</b>{simulated_only_html(robot)}<div style='opacity:.75'>{escape(robot.source)}</div>"
-    )
+    source = f"<b>{joints}</b>{simulated_only_html(robot)}{muted(robot.source)}"
     guessed = warned(sentence(BODY_GUESSED)) if robot.body_is_guessed else ""
     assumed = [text for text in robot.assumed if text != BODY_GUESSED]
     return source + guessed + (folded("Assumed values (not in the source)", assumed) if assumed else "")

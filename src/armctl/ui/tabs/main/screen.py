@@ -300,7 +300,7 @@ class FirstSteps:
             hide = gui.add_button("Hide first steps", color="gray")
         self._known = False
         """whether it is known what was done here before"""
-        self._told: tuple[frozenset[str], bool] | None = None
+        self._told: frozenset[str] | None = None
         """what the text depends on, as it is shown"""
         session.on(hide.on_click, self._on_hide)
         session.spawn(self._begin())
@@ -314,7 +314,7 @@ class FirstSteps:
             self._note("slider")
         if pressed & _POINT_BUTTONS:
             self._note("point")
-        if (told := (frozenset(self._done), self._session.on_phone)) != self._told:
+        if (told := frozenset(self._done)) != self._told:
             self._told = told
             self._steps.show(self._html())
 
@@ -336,9 +336,8 @@ class FirstSteps:
 
     def _html(self) -> str:
         point = numbers((1000 * example_point(self._session.console.robot)).round().tolist(), 0)
-        where = "beside STOP" if self._session.on_phone else "at the top"
         steps = {
-            "enable": f"Press <b>Enable</b> {where}.",
+            "enable": "Press <b>Enable</b> at the top.",
             "slider": "Open <b>Manual</b>, move a slider, and press <b>Go</b>.",
             "point": f"Open <b>Inverse</b>, type a point, for example {point} mm, "
             "and press <b>Go by least energy</b>.",

@@ -10,6 +10,7 @@ from armctl.hardware import Source
 from armctl.protocol import Enable, Release, Snapshot
 from armctl.ui.session import Session
 from armctl.ui.widgets.html import LiveHtml, muted
+from armctl.ui.widgets.number_field import field_grid
 
 _HINT = (
     "Joints that you tick go limp. <b>Support the arm</b>, then lead them by hand: the page follows, and "
@@ -34,10 +35,11 @@ class ByHand:
         self._folder = gui.add_folder("Lead by hand", expand_by_default=False)
         with self._folder:
             LiveHtml(gui, hint)
-            self._ticks = {
-                joint.name: gui.add_checkbox(joint.title, initial_value=ticked) for joint in joints
-            }
-            self._go_limp = gui.add_button("Let ticked joints go limp", color="gray")
+            with field_grid(gui):
+                self._ticks = {
+                    joint.name: gui.add_checkbox(joint.title, initial_value=ticked) for joint in joints
+                }
+            self._go_limp = gui.add_button("Let ticked joints go limp", color="orange")
             self._back = gui.add_button("Take them back as they stand", color="gray")
             self._state = LiveHtml(gui)
             session.needs(Need.HOLDING_SOME, self._go_limp)

@@ -163,11 +163,11 @@ class JogControl:
                 self._followed = _percent_of(session.snapshot, 50)
                 """what the slider shows while nobody edits it"""
                 self._percent = gui.add_slider("Gripper %", 0, 100, 1, initial_value=self._followed)
+                self._opening = LiveHtml(gui)
                 self._part = gui.add_text("Part mm", _part_text(session.snapshot.part_mm), hint=_PART_HINT)
                 self._watch = EditWatch([TextEntry(self._part)])
                 move = gui.add_button("Set gripper")
                 session.needs(Need.GRIPPER, move)
-                self._opening = LiveHtml(gui)
             session.on(move.on_click, self._on_gripper)
 
     def refresh(self, snapshot: Snapshot) -> None:

@@ -23,6 +23,7 @@ from armctl.ui.next_pose import PoseWriter
 from armctl.ui.session import Session
 from armctl.ui.widgets.angle_fields import held_at, slider_degrees, slider_limits
 from armctl.ui.widgets.html import LiveHtml, fixed, muted, table
+from armctl.ui.widgets.number_field import step_grid
 
 # The live table: where the tool is, how it moves, and what the joints are told and do.
 
@@ -56,8 +57,9 @@ class LiveReadout:
         self._shown_at = -_READ_S
 
     def add_to(self, gui: viser.GuiApi) -> None:
-        """Show the table in the present GUI container, too."""
-        self._blocks.append(LiveHtml(gui))
+        """Show the table in the present GUI container, too, once it is unfolded."""
+        with gui.add_folder("Numbers", expand_by_default=False):
+            self._blocks.append(LiveHtml(gui))
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Show a snapshot, if it differs from the one before; of a moving arm as many as one can read."""
@@ -155,6 +157,8 @@ def rounding_note(robot: Robot, q: FloatArray) -> str:
 
 _ROUNDING = 1e-9
 _STEPS = ("0.1", "1", "5", "10")
+_MARKED = "--armctl-tick:'';--armctl-thumb:var(--armctl-next);--armctl-fill:transparent"
+"""the looks of a joint's slider (``viser_console.css``)"""
 _FOLLOWING = "The sliders show the arm. Move one, then press <b>Go</b>."
 """as long as the line that takes its place: a slider that is dragged stays under the pointer"""
 _EDITED = "<b style='color:var(--armctl-ghost)'>The sliders show the next pose</b>, as the ghost does."
@@ -183,6 +187,8 @@ class JointControl:
                 continue
             self._sliders[i] = gui.add_slider(title, low, high, 0.01, initial_value=self._shown[i])
             session.on(self._sliders[i].on_update, self._on_slider)
+        self._at = slider_degrees(self._robot, session.console.last_known.drawn(session.snapshot), self._ends)
+        self._ticks = LiveHtml(gui, self._ticks_html())
         reset = gui.add_button("Sliders to present pose", color="gray")
         why = _FOLLOWING  # told above the sliders
         session.needs(
@@ -196,13 +202,14 @@ class JointControl:
         with gui.add_folder("Step one joint (moves at once)"):
             self._step = gui.add_dropdown("Step °", _STEPS, initial_value="1")
             groups: list[viser.GuiButtonGroupHandle] = []
-            for i, joint in enumerate(self._robot.joints):
-                if (text := held[i]) is not None:
-                    gui.add_text(joint.title, text, disabled=True)
-                    continue
-                group = gui.add_button_group(joint.title, ("−", "+"))
-                groups.append(group)
-                session.on(group.on_click, partial(self._on_step, i, group))
+            with step_grid(gui):
+                for i, joint in enumerate(self._robot.joints):
+                    if (text := held[i]) is not None:
+                        gui.add_text(joint.title, text, disabled=True)
+                        continue
+                    group = gui.add_button_group(joint.title, ("−", "+"))
+                    groups.append(group)
+                    session.on(group.on_click, partial(self._on_step, i, group))
             session.needs(self._stepper.need, *groups)
 
     def refresh(self, snapshot: Snapshot) -> None:
@@ -213,6 +220,20 @@ class JointControl:
             for i, slider in self._sliders.items():
                 slider.value = shown[i]
         self._hint.show(_FOLLOWING if self._session.next.q is None else _EDITED)
+        at = slider_degrees(self._robot, self._session.console.last_known.drawn(snapshot), self._ends)
+        if at != self._at and self._session.sees("Manual"):
+            self._at = at
+            self._ticks.show(self._ticks_html())
+
+    def _ticks_html(self) -> str:
+        """A mark on each slider where the arm is, which no slider of viser's has by itself."""
+        rules = ""
+        for i in self._sliders:
+            low, high = self._ends[i].tolist()
+            label = css_text(f"{self._robot.joints[i].title} °")
+            share = 100 * (self._at[i] - low) / (high - low)
+            rules += f'.mantine-Slider-root:has([aria-label="{label}"]){{--armctl-at:{share:.2f}%;{_MARKED}}}'
+        return f"<style>{rules}</style>"
 
     def _on_slider(self) -> None:
         """The joints whose sliders were moved are asked for anew; a slider rounds what the others are at."""
@@ -226,6 +247,11 @@ class JointControl:
     async def _on_step(self, i: int, group: viser.GuiButtonGroupHandle) -> None:
         sign = 1 if group.value == "+" else -1
         await self._stepper.step(i, sign * float(self._step.value))
+
+
+def css_text(text: str) -> str:
+    """A text between quotes in a style, where it can end neither them nor the style."""
+    return "".join(c if c.isascii() and c.isalnum() else f"\\{ord(c):x} " for c in text)
 
 
 class JointStepper:

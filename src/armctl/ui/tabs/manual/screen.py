@@ -90,12 +90,12 @@ class ManualScreen:
         self._readout = LiveReadout(session.console.robot)
         tabs = session.gui.add_tab_group()
         with tabs.add_tab("Joints"):
-            self._readout.add_to(session.gui)
             self._joints = JointControl(session)
             self._by_hand = ByHand(session)
-        with tabs.add_tab("Jog" if session.console.robot.gripper is None else "Jog & gripper"):
             self._readout.add_to(session.gui)
+        with tabs.add_tab("Jog" if session.console.robot.gripper is None else "Jog & gripper"):
             self._jog = JogControl(session)
+            self._readout.add_to(session.gui)
         self._signals: SignalPanel | None = None
         if session.console.robot.signals or kinds_of(session.console.robot):
             with tabs.add_tab("In & out"):

@@ -38,12 +38,6 @@ class SimulationScreen:
     def __init__(self, session: Session) -> None:
         self._session = session
         gui = session.gui
-        with gui.add_folder("Live target"):
-            self._live = LiveTarget(session)
-        with gui.add_folder("Twin"):
-            self._twin = TwinControl(session)
-        with gui.add_folder("Joint graph"):
-            self._graph = JointGraph(session)
         with gui.add_folder("In the 3D view"), field_grid(gui):
             camera = gui.add_button_group("Camera", tuple(VIEWS))
             session.on(camera.on_click, lambda: session.look(camera.value))
@@ -58,6 +52,12 @@ class SimulationScreen:
             self._cleared = self._drawn = 0
             self._line = Lines(session.client.scene, "/trail", _TRAIL_COLOR, 2.5)
             self._workspace = WorkspaceView(session)
+        with gui.add_folder("Live target"):
+            self._live = LiveTarget(session)
+        with gui.add_folder("Twin"):
+            self._twin = TwinControl(session)
+        with gui.add_folder("Joint graph"):
+            self._graph = JointGraph(session)
         session.on(clear.on_click, self._on_clear)
 
     def refresh(self, snapshot: Snapshot) -> None:
@@ -90,7 +90,7 @@ _FRAMES_HINT = "Axes of the tool, and names of both frames. Red is x, green y, b
 
 _TRAIL_POINTS = 600
 _TRAIL_SPACING_M = 0.002
-_TRAIL_COLOR = (214, 51, 108)
+_TRAIL_COLOR = (134, 142, 150)
 
 
 class Trail:

@@ -35,7 +35,7 @@ _COLOURINGS = {
     "manipulability": "Yellow: the tool moves freely. Dark: near a singularity.",
 }
 _POINTS = 14_000
-_POINT_SIZE = 0.004
+_POINT_SIZE = 0.0025
 """of the reach: small enough to see the arm through the cloud"""
 _RGB = (68, 33, 253), (1, 145, 231), (84, 140, 37)
 """each of low, middle, high"""
@@ -43,7 +43,7 @@ _CLOUD_HINT = "Where the tool point can be: a cloud of reachable points."
 _SECTION_HINT = "The workspace cut open in the plane of the base axis and the tool point."
 _TURNED_RAD = 0.01
 """how far the arm turns before a sampled section is made anew"""
-_SECTION_COLOR = (224, 49, 49)
+_SECTION_COLOR = (92, 118, 143)
 _SHELL_HINT = "All that the tool point can reach, cut open in the arm's plane on your side of it."
 _SHELL_COLOR, _SHELL_OPACITY = (25, 113, 194), 0.22
 _SHELL_TURNED_RAD = 0.02

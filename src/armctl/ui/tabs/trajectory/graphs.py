@@ -42,7 +42,7 @@ _SPEEDS = 5, 400, 5
 """slowest, fastest, step"""
 _SPEED_HINT = "Of the ghost; the arm does not move."
 _PART = "graph"
-_PATH_POINTS, _PATH_COLOR = 400, (0, 140, 170)
+_PATH_POINTS, _PATH_COLOR = 400, (217, 115, 13)
 _PLAY, _PAUSE = ("Play", viser.Icon.PLAYER_PLAY), ("Pause", viser.Icon.PLAYER_PAUSE)
 
 
@@ -89,8 +89,8 @@ class GraphView:
         session.on(self._figure.on_click, self._on_figure)
 
     def refresh(self) -> None:
-        """Draw the tool's path for as long as no other screen shows something of its own."""
-        self._path.set_visible(not self._preview.taken)
+        """Draw the tool's path on its tab, for as long as no other screen shows something of its own."""
+        self._path.set_visible(not self._preview.taken and self._session.sees("Trajectory"))
 
     def take(self, shown: PlannedMotion) -> None:
         """Show another motion: cursor and ghost stand at its end, the arm at its beginning."""
