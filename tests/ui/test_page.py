@@ -173,3 +173,12 @@ def test_what_a_page_does_beside_its_callbacks_is_logged_when_it_fails(
     assert [(record.name, record.getMessage()) for record in errors] == [
         ("armctl.ui", "a page's task failed")
     ]
+
+
+@pytest.mark.parametrize(
+    ("text", "window"),
+    [("1920 1080", (1920, 1080)), ("1280 0", (1280, 1)), ("", None), ("1280", None), ("1 -2", None)],
+)
+def test_a_page_says_how_large_its_window_is(text: str, window: tuple[int, int] | None) -> None:
+    assert pages.window_of(text) == window
+    assert pages.window_of("9" * 5000 + " 9") is None
