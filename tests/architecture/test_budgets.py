@@ -33,7 +33,7 @@ FOLDERS = {
     "runtime": (26, 6_630),  # joints let down, messages, which warnings a cause tells, tools; a jog rests
     "ui": (
         105,
-        24_330,
+        24_450,
     ),  # steps of the tool that friction does not swallow; a table of the motors; the log as a file, previews
 }
 """files and lines, at most"""

@@ -13,9 +13,8 @@ from armctl.arrays import FloatArray
 from armctl.facts import State
 from armctl.hardware.boards import board_type
 from armctl.motion import plan_line
-from armctl.protocol import Control, Party
 from armctl.robot import Robot, load_robot
-from armctl.ui.bar import gist, take_html, warning_lines, way_out, where_html
+from armctl.ui.bar import take_html, warning_lines, way_out, where_html
 from armctl.ui.tabs.manual.joints import joint_steps, rounding_note, rounding_off_m
 
 SERVO_ARMS = ("uzuner", "abaas", "mico", "humanoid")
@@ -103,15 +102,6 @@ def test_where_nobody_knows_the_pose_no_number_is_shown_for_it() -> None:
     assert "looked at" in looked and "not known" not in looked
     assert looked.count("<td class='looked'>") == robot.n + 5 and looked.count("<td>") == 1
     assert "<th data-unit='°'>Shoulder</th><td>110.0</td>" in where_html(robot, q)
-
-
-def test_the_bar_has_the_gist_of_a_cause() -> None:
-    control = Control((Party("page 1", "Ada", operates=True), Party("page 2", "page 2")))
-    start = "connected to simulated Maestro (6) at /dev/pts/0 (start); pulses are off"
-    assert gist(start, control, "page 1") == "connected, servos are off"
-    assert gist("disconnected (page 1)", control, "page 1") == ""
-    assert gist("disconnected (page 1)", control, "page 2") == "disconnected (by Ada)"
-    assert gist("program finished", control, "page 1") == "program finished"
 
 
 def test_take_control_asks_in_its_own_button_and_keeps_its_name() -> None:

@@ -370,3 +370,9 @@ def test_the_contract_names_all_globals_and_classes_of_the_page() -> None:
     for name, text in texts.items():
         assert set(used.findall(text)) <= held, name
     assert all(f"function {hook}(" in texts["viser_seam.js"] for hook in CONTRACT if "." not in hook)
+
+
+def test_a_mark_on_a_slider_names_it_and_nothing_in_its_name_ends_the_style() -> None:
+    style = viser_seam.slider_marks({"Base °": 12.5, '"]</style><b>': 0.0})
+    assert style.startswith("<style>") and style.count("<") == 2 and style.endswith("</style>")
+    assert '[aria-label="Base\\20 \\b0 "]' in style and "--armctl-at:12.50%" in style

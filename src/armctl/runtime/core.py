@@ -85,7 +85,8 @@ class Core(ArmState):
             cause = f"its {power} are on already: Enable takes the arm over where it is"
         else:
             cause = f"{power} are off" if answered else f"it has not said yet whether its {power} are on"
-        self._enter(State.OFF, f"connected to {identity.title} at {identity.port} ({who}); {cause}")
+        self.log.add(f"connected to {identity.title} at {identity.port} ({who})")
+        self._enter(State.OFF, f"connected; {cause}")
 
     def leave(self, ticket: Ticket, who: str) -> bool:
         """Disconnect, after the arm was brought to rest; whether that is done at once."""

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 import math
-import re
 from html import escape
 
 import numpy as np
@@ -23,7 +22,6 @@ from armctl.kinematics import roll_pitch_yaw
 from armctl.protocol import (
     ClearFault,
     ConfirmMessage,
-    Control,
     Message,
     Pause,
     Release,
@@ -125,7 +123,7 @@ class ControlBar:
         """``cause`` of the state; ``source`` of the position that is shown."""
         session, robot, shown = self._session, self._session.console.robot, source.partition(";")[0]
         limp = f"<small>{len(snapshot.limp)} limp</small>" if snapshot.limp else ""
-        said = way_out(snapshot) or gist(cause, snapshot.control, session.me)
+        said = way_out(snapshot) or cause
         state = (
             f"<div class='state {snapshot.state.value}{' limp' if limp else ''}' role='status'>"
             f"<b>{escape(capitals(state_words(snapshot.state)))}{limp}</b>"
@@ -326,18 +324,6 @@ def take_html(operator: str, *, asks: bool) -> str:
     return button("take", "", title="Take control", kind="asks").replace(
         "></button>", f" aria-description='{escape(said)} Click again'>{escape(said)} Click again</button>"
     )
-
-
-_CONNECTED = re.compile(r"^connected to .* \([^()]*\); ")
-_PLACE = re.compile(r" at /\S+")
-
-
-def gist(cause: str, control: Control, me: str) -> str:
-    """A cause as short as the bar has room for; its hint has all of it. ``me``: the page that shows it."""
-    short = _PLACE.sub("", _CONNECTED.sub("connected, ", cause)).replace("pulses are off", "servos are off")
-    for party in control.parties:
-        short = short.replace(f" ({party.id})", "" if party.id == me else f" (by {party.name})")
-    return "" if short == State.DISCONNECTED.value else short
 
 
 def way_out(snapshot: Snapshot) -> str:

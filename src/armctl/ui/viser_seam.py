@@ -13,7 +13,7 @@ import threading
 import traceback
 import types
 import zipfile
-from collections.abc import AsyncGenerator, Awaitable, Callable, Generator, Iterable
+from collections.abc import AsyncGenerator, Awaitable, Callable, Generator, Iterable, Mapping
 from contextlib import asynccontextmanager, contextmanager
 from functools import lru_cache
 from importlib import resources
@@ -330,6 +330,26 @@ CONSOLE_STYLE = _HERE.joinpath("viser_console.css").read_text("utf-8")
 """what armctl changes of viser's looks in the console"""
 FILE_STYLE = _HERE.joinpath("viser_file.css").read_text("utf-8")
 """… and in a file that shows a motion"""
+
+
+def slider_marks(places: Mapping[str, float]) -> str:
+    """A style that marks a place on sliders with these labels [% of their way]: where the arm is.
+
+    Such a slider has another thumb, too (``viser_console.css``).
+    """
+    looks = "--armctl-tick:'';--armctl-thumb:var(--armctl-next);--armctl-fill:transparent"
+    rules = (
+        f'.mantine-Slider-root:has([aria-label="{_css_text(label)}"]){{--armctl-at:{share:.2f}%;{looks}}}'
+        for label, share in places.items()
+    )
+    return f"<style>{''.join(rules)}</style>"
+
+
+def _css_text(text: str) -> str:
+    """A text between quotes in a style, where it can end neither them nor the style."""
+    return "".join(c if c.isascii() and c.isalnum() else f"\\{ord(c):x} " for c in text)
+
+
 _ICON = re.compile(r'<link\s+rel="icon"[^>]*>')
 _TITLE = "<title>Viser</title>"
 

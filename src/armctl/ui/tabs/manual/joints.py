@@ -21,6 +21,7 @@ from armctl.robot import Robot
 from armctl.ui.events import came_to_end
 from armctl.ui.next_pose import PoseWriter
 from armctl.ui.session import Session
+from armctl.ui.viser_seam import slider_marks
 from armctl.ui.widgets.angle_fields import held_at, slider_degrees, slider_limits
 from armctl.ui.widgets.html import LiveHtml, fixed, muted, table
 from armctl.ui.widgets.number_field import step_grid
@@ -157,8 +158,6 @@ def rounding_note(robot: Robot, q: FloatArray) -> str:
 
 _ROUNDING = 1e-9
 _STEPS = ("0.1", "1", "5", "10")
-_MARKED = "--armctl-tick:'';--armctl-thumb:var(--armctl-next);--armctl-fill:transparent"
-"""the looks of a joint's slider (``viser_console.css``)"""
 _FOLLOWING = "The sliders show the arm. Move one, then press <b>Go</b>."
 """as long as the line that takes its place: a slider that is dragged stays under the pointer"""
 _EDITED = "<b style='color:var(--armctl-ghost)'>The sliders show the next pose</b>, as the ghost does."
@@ -227,13 +226,11 @@ class JointControl:
 
     def _ticks_html(self) -> str:
         """A mark on each slider where the arm is, which no slider of viser's has by itself."""
-        rules = ""
+        places: dict[str, float] = {}
         for i in self._sliders:
             low, high = self._ends[i].tolist()
-            label = css_text(f"{self._robot.joints[i].title} °")
-            share = 100 * (self._at[i] - low) / (high - low)
-            rules += f'.mantine-Slider-root:has([aria-label="{label}"]){{--armctl-at:{share:.2f}%;{_MARKED}}}'
-        return f"<style>{rules}</style>"
+            places[f"{self._robot.joints[i].title} °"] = 100 * (self._at[i] - low) / (high - low)
+        return slider_marks(places)
 
     def _on_slider(self) -> None:
         """The joints whose sliders were moved are asked for anew; a slider rounds what the others are at."""
@@ -247,11 +244,6 @@ class JointControl:
     async def _on_step(self, i: int, group: viser.GuiButtonGroupHandle) -> None:
         sign = 1 if group.value == "+" else -1
         await self._stepper.step(i, sign * float(self._step.value))
-
-
-def css_text(text: str) -> str:
-    """A text between quotes in a style, where it can end neither them nor the style."""
-    return "".join(c if c.isascii() and c.isalnum() else f"\\{ord(c):x} " for c in text)
 
 
 class JointStepper:
