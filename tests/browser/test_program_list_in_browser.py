@@ -416,6 +416,7 @@ def test_a_click_on_a_pin_in_the_scene_selects_its_step_and_makes_it_the_next_po
     expect(page.page.locator("armctl-part[name=next] p")).to_contain_text("step 2")
     page.click("Go")
     served.wait_for_deg(page, list(aside))
+    page.unfold("More", "Delete")
     page.tick("Show tool path", on=False)
     page.wait_until(lambda: page.node("/program/pin0") is None, "the pins are gone")
 

@@ -52,6 +52,7 @@ class FakePage:
         self.snapshot = SimpleNamespace(
             q_command=q, q=q, state=State.HOLDING, gripper=None, part_mm=None, speed=1.0, busy=False,
             progress=None, control=Control(), commanded=True, source=Source.COMMANDED, limp=(), stops=0,
+            program=None, stamp=0.0,
         )  # fmt: skip
         last_known = SimpleNamespace(standing=lambda snapshot: snapshot.q_command)
         self.console = SimpleNamespace(

@@ -21,6 +21,7 @@ from armctl.motion import plan_joints
 from armctl.protocol import MoveJoints, Party
 from armctl.robot import Deflection, load_robot
 from armctl.ui.guard import GuardedServer
+from armctl.ui.next_line import Told
 from armctl.ui.next_pose import End, NextPoses, PoseWriter
 from armctl.ui.tabs.forward.screen import ForwardScreen
 from armctl.ui.tabs.inverse.screen import InverseScreen
@@ -70,6 +71,44 @@ def test_it_says_where_by_whom_and_how_long_and_go_sends_it(page: FakePage) -> N
     page.snapshot.q_command = THERE
     page.next.refresh(page.session.snapshot)
     assert page.next.q is None and not page.next.ghost.seen and line(page).startswith("No next pose")
+
+
+def test_record_is_grey_where_nobody_knows_where_the_arm_is(page: FakePage) -> None:
+    assert (
+        "aria-disabled" not in page.parts["next"].partition("data-do='record'")[2].partition("</button>")[0]
+    )
+    page.snapshot.q, page.snapshot.commanded = np.full(5, np.nan), False
+    page.next.refresh(page.session.snapshot)
+    record = page.parts["next"].partition("data-do='record'")[2].partition("</button>")[0]
+    assert "aria-disabled" in record and "so its pose is not known" in record
+
+
+def test_while_a_program_runs_the_line_tells_its_step_and_the_next_pose_waits(page: FakePage) -> None:
+    writer = PoseWriter(page.session, "somebody")
+    page.act(lambda: writer.show(THERE))
+    page.next.running = lambda snapshot: None if snapshot.program is None else Told("Step 1 of 2", "a · b")
+    page.snapshot.program, page.snapshot.busy, page.snapshot.state = object(), True, State.MOVING
+    page.next.refresh(page.session.snapshot)
+    assert line(page).startswith("Step 1 of 2 a · b") and go_is_off(page)
+    assert not page.next.ghost.seen and page.next.in_view is None
+    assert page.next.q is not None and "data-keep=recall" in page.parts["next"]  # nothing is lost
+    page.snapshot.program, page.snapshot.busy, page.snapshot.state = None, False, State.HOLDING
+    page.next.refresh(page.session.snapshot)
+    assert page.next.ghost.seen and line(page).startswith("X ")
+
+
+def test_who_finds_no_pose_says_why_until_it_looks_again_or_somebody_writes(page: FakePage) -> None:
+    writer, other = PoseWriter(page.session, "somebody"), PoseWriter(page.session, "another")
+    writer.hide(Told("Out of reach", "the nearest point is far", bad=True))
+    assert line(page).startswith("Out of reach The nearest point is far.")
+    other.begin()  # not its own
+    assert line(page).startswith("Out of reach")
+    writer.begin()
+    assert line(page).startswith("No next pose")
+    writer.hide(Told("Out of reach", "the nearest point is far", bad=True))
+    page.act(lambda: other.show(THERE))
+    page.next.clear()
+    assert line(page).startswith("No next pose")
 
 
 def test_go_names_the_pose_that_it_was_pressed_for(page: FakePage) -> None:
@@ -337,7 +376,7 @@ class Sequence:
         base = present if q is None else q
         assert np.abs(shown - np.degrees(base)).max() < 0.02  # the sliders show it, or the arm
         assert ghost.seen is (q is not None)
-        assert (line(page).startswith("No next pose")) is (q is None)
+        assert line(page).startswith(("No next pose", "Out of reach", "The arm cannot")) is (q is None)
         if q is None:
             return
         assert ghost.q is not None and np.array_equal(ghost.q, q)

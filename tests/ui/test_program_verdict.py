@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import threading
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -65,7 +66,7 @@ def bench(server: GuardedServer, tmp_path: Path) -> Bench:
         needs=lambda *controls, **conditions: None,
         closed=False,
     )
-    return Bench(desk, verdict, ProgramRun(session, cast(Any, None), verdict))
+    return Bench(desk, verdict, ProgramRun(session, cast(Any, None), verdict, nullcontext()))
 
 
 def test_a_check_tells_step_and_reason_until_the_program_is_another(bench: Bench) -> None:
@@ -73,10 +74,10 @@ def test_a_check_tells_step_and_reason_until_the_program_is_another(bench: Bench
     (finding,) = asyncio.run(bench.run.check())
     assert str(finding).startswith("step 2: too far by 671.0 mm")
     assert "Pre-flight: refused, 1 error" in bench.shown
-    bench.run.refresh(make_rig().now)
+    bench.run.refresh()
     assert bench.verdict.visible
     bench.put(HOME)
-    bench.run.refresh(make_rig().now)
+    bench.run.refresh()
     assert not bench.verdict.visible
 
 
@@ -127,7 +128,7 @@ def test_a_check_of_a_long_program_says_how_far_it_is_and_can_be_cancelled(
     async def cancel() -> None:
         checking = asyncio.create_task(bench.run.check())
         await asyncio.to_thread(reached.wait, 10)
-        bench.run.refresh(make_rig().now)
+        bench.run.refresh()
         assert "12 of 100 steps" in bench.shown
         await bench.run._on_cancel()
         go_on.set()

@@ -9,10 +9,13 @@ import numpy as np
 import pytest
 from tests.ui.page_kit import FakePage
 
+from armctl.facts import State
 from armctl.motion import plan_joints
 from armctl.program import MoveStep, PointStep, Program, Step, WaitStep
 from armctl.program.rehearsal import rehearse
+from armctl.protocol import ProgramProgress
 from armctl.robot import load_robot
+from armctl.ui import timeline
 from armctl.ui.guard import GuardedServer
 from armctl.ui.next_pose import NextPoses, PoseWriter
 from armctl.ui.tabs.manual import program_ahead
@@ -93,7 +96,7 @@ def test_what_is_drawn_are_the_derivatives_of_the_motion_and_the_tool(name: str)
 def test_it_is_folded_until_somebody_opens_it_and_the_browser_remembers(server: GuardedServer) -> None:
     bench = Bench(server)
     bench.set(THERE)
-    assert "<svg viewBox='0 0 1000" not in shown(bench.page) and ">Graph<" in shown(bench.page)
+    assert "<svg viewBox='0 0 1000" not in shown(bench.page) and ">Graph<" in bench.page.parts["next"]
     bench.do("timeline")
     assert "<svg viewBox='0 0 1000" in shown(bench.page) and bench.kept == {"timeline": "open"}
     bench.page.next.clear()
@@ -171,6 +174,39 @@ def test_the_program_is_drawn_as_it_is_rehearsed_with_its_steps_below(server: Gu
     bench.put(to(30))  # edited: it is another motion
     bench.see()
     assert len(clips(bench.page)) == 1 and not bench.page.ghost.seen
+
+
+def test_the_cursor_runs_with_the_program_unless_somebody_holds_it(
+    server: GuardedServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench = Played(server, to(30), WaitStep(seconds=1), to(-20))
+    now, program = bench.page.snapshot, bench.shared.program
+    found = rehearse(UZUNER, program, HOME)
+    now.velocity_command = now.acceleration_command = np.zeros(5)
+    now.state, now.busy, now.q_command = State.MOVING, True, HOME + 0.01
+
+    def runs(step: int, loop: int = 0) -> float:
+        now.program = ProgramProgress("test", step, 3, loop, None, program, program)
+        bench.refresh()
+        return bench.line.graph.share * found.duration
+
+    assert runs(0) == 0.0 and "cursor runs" in shown(bench.page)
+    now.stamp += 0.5
+    assert runs(0) == pytest.approx(0.5)
+    figures = re.findall(r"<b>(.*?)</b>", shown(bench.page))  # where the arm is now
+    assert figures == [f"{angle:.1f}".replace("-", "−") for angle in np.degrees(now.q_command) + 0.0]
+    assert runs(1) == pytest.approx(found.steps[1].begins)
+    now.stamp, now.speed = now.stamp + 0.25, 0.5  # a wait lasts as long at any speed
+    assert runs(1) == pytest.approx(found.steps[1].begins + 0.25)
+    now.stamp, now.state = now.stamp + 5.0, State.PAUSED
+    assert runs(1) == pytest.approx(found.steps[1].begins + 0.25)
+    bench.do("timeline-at", "", "900")
+    assert runs(1) == pytest.approx(0.9 * found.duration) and bench.page.ghost.seen
+    monkeypatch.setattr(timeline, "_HELD_S", 0.0)
+    assert runs(0, loop=1) == 0.0 and not bench.page.ghost.seen
+    now.program, now.state, now.busy = None, State.HOLDING, False
+    bench.refresh()
+    assert bench.line.graph.share == 1.0 and "cursor runs" not in shown(bench.page)
 
 
 def test_a_program_that_ends_early_is_drawn_as_far_and_says_why(

@@ -103,7 +103,7 @@ class ControlBar:
             cause = say(session.with_names(snapshot.stopped))
         session.parts.show(_BAR, self._bar(snapshot, cause, source))
         session.parts.show(_ALERTS, self._alerts(snapshot, cause))
-        q, then, kind = session.console.last_known.drawn(snapshot), session.next.q, "next"
+        q, then, kind = session.console.last_known.drawn(snapshot), session.next.in_view, "next"
         if session.ghost.seen:
             then, kind = session.ghost.q, "looked"
         now, known, _ = source.partition(";")

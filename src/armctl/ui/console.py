@@ -88,6 +88,14 @@ def pose_unknown(snapshot: Snapshot) -> StateError:
     return StateError(f"the arm is {state}, so its pose is not known; {first} first")
 
 
+def present_pose(snapshot: Snapshot) -> FloatArray:
+    """The pose to record (n,) [rad]: as commanded, else as the board reports it; refused where unknown."""
+    q = snapshot.q_command if snapshot.commanded else snapshot.q
+    if np.isfinite(q).all():
+        return q
+    raise pose_unknown(snapshot)
+
+
 @dataclass(frozen=True, slots=True)
 class PortChoice:
     """One entry of the port list."""

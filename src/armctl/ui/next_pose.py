@@ -27,26 +27,26 @@ import viser
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, InputError
 from armctl.facts import Need
-from armctl.lazy_dataclass import dataclass
-from armctl.motion import Profile, Trajectory, plan_joints
+from armctl.motion import Profile, Trajectory
 from armctl.motion.one_sided import ONE_SIDED, commanded_end
 from armctl.protocol import Command, MoveJoints, Snapshot
 from armctl.robot import Robot
-from armctl.ui.console import Console
+from armctl.ui import next_line
+from armctl.ui.console import Console, present_pose
 from armctl.ui.events import Newest, OneAtATime
 from armctl.ui.guard.parts import Parts
+from armctl.ui.next_line import FORGET, NOTHING, Told
+from armctl.ui.next_plan import Movement, Planned, ToPlan, usual
+from armctl.ui.offers import refused_by
 from armctl.ui.scene.ghost import SAME_RAD, Ghost, Lines, segments
-from armctl.ui.widgets.html import button, fixed, sentence
+from armctl.ui.widgets.html import fixed, sentence
 
 _COLOR, _THEIRS = (0, 180, 216), (134, 142, 150)
-_PATH_POINTS = 48
 _LINE = "next"
 _NONE = "there is no next pose yet"
+_RUNS = "a program runs; stop first"
 _CHANGED = "the next pose has just changed; look at it, then press again"
-_HOW = "Move a slider, or type a point."
 
-Movement = tuple[Profile, float | None]
-"""profile, and duration [s]; None: the shortest"""
 End = Literal["arrived", "replaced", "forgotten"]
 
 
@@ -75,11 +75,6 @@ class WritingPage(Protocol):
     def on_press(self, do: str, label: str, action: Callable[[str], Awaitable[object] | None]) -> None: ...  # noqa: D102
     def spawn(self, work: Coroutine[Any, Any, None]) -> None: ...  # noqa: D102
     async def submit(self, command: Command) -> object: ...  # noqa: D102
-
-
-def usual() -> Movement:
-    """As the arm moves where nobody asks for another movement."""
-    return "cubic", None
 
 
 class PoseWriter:
@@ -125,6 +120,7 @@ class PoseWriter:
     def begin(self) -> Callable[[], bool]:
         """Something is to be worked out; gives whether it is the newest still that was asked or written."""
         self._begun, is_newest = self._next.writes, self._newest.begin()
+        self._next.note(self, None)
         return lambda: is_newest() and not self.overtaken
 
     @property
@@ -132,57 +128,18 @@ class PoseWriter:
         """Whether somebody else has written the next pose, or forgotten it, since this one began."""
         return self._next.writes != self._begun
 
-    def hide(self) -> None:
-        """There is no next pose, if it was this one's."""
+    def hide(self, why: Told | None = None) -> None:
+        """There is no next pose, if it was this one's; where there is none, the line says ``why``."""
         if self.shown:
             self._next.clear(None)
             self.begin()
+        self._next.note(self, why)
 
     async def go(self, q: FloatArray) -> None:
         """Make ``q`` (n,) [rad] the next pose, and send it."""
         movement = self.movement()
         self.show(q)
         await self._next.send(q, movement)
-
-
-@dataclass(frozen=True, eq=False)
-class _ToPlan:
-    """What is planned."""
-
-    robot: Robot
-    start: FloatArray
-    q: FloatArray
-    movement: Movement
-
-    def is_as(self, other: _ToPlan | None) -> bool:
-        """Whether the plan of the other one holds."""
-        return (
-            other is not None
-            and self.robot is other.robot
-            and self.movement == other.movement
-            and np.array_equal(self.q, other.q)
-            and float(np.abs(self.start - other.start).max()) < SAME_RAD
-        )
-
-    def plan(self) -> _Planned:
-        """Plan the motion; it may take tenths of a second."""
-        profile, duration = self.movement
-        try:
-            trajectory = plan_joints(self.robot, self.start, self.q, duration, profile)
-        except ArmctlError as refusal:
-            return _Planned(refused=str(refusal))
-        q = trajectory.sample(np.linspace(0.0, trajectory.duration, _PATH_POINTS)).q
-        return _Planned(trajectory, tool_m=self.robot.forward(q)[:, :3, 3])
-
-
-@dataclass(frozen=True, eq=False)
-class _Planned:
-    """How the arm goes to the next pose, or why it does not."""
-
-    trajectory: Trajectory | None = None
-    refused: str = ""
-    tool_m: FloatArray | None = None
-    """(k, 3) where the tool passes [m]"""
 
 
 class NextPoses:
@@ -227,9 +184,15 @@ class NextPose:
         self.writer: PoseWriter | None = None
         self.number = self.writes = 0
         """count what was written and planned, which *Go* names; how often somebody wrote it or forgot it"""
-        self._going = False
-        self._asked: _ToPlan | None = None
-        self._planned: _Planned | None = None
+        self.running: Callable[[Snapshot], Told | None] = lambda _: None
+        """the step of a program that runs: the line tells that meanwhile, and no ghost stands in its way"""
+        self.graph: bool | None = None
+        """whether the graph below the line is open; None: there is none"""
+        self._note: tuple[PoseWriter, Told] | None = None
+        """why there is no next pose, and who says so"""
+        self._going = self._waits = False
+        self._asked: ToPlan | None = None
+        self._planned: Planned | None = None
         """None: it is not known yet"""
         self._planning = OneAtATime(self._plan)
         session.on_press("go", "Go", self._on_go)
@@ -271,8 +234,8 @@ class NextPose:
             self.q, self._going = q.copy(), False
             self._forget_plan()
             self._poses.by_party[self._session.me] = self.q
-        self.writer = writer
-        self.ghost.show(q, label="next pose")
+        self.writer, self._note = writer, None
+        self._show_in_view()
         for other in self.told if before is not writer else ():
             if other is not writer:
                 other.ended("replaced")
@@ -281,6 +244,8 @@ class NextPose:
     def clear(self, why: End | None = "forgotten") -> None:
         """There is no next pose any more; who wrote it is told why, or knows (None)."""
         if self.q is None:
+            if why == "forgotten":
+                self._note = None
             return
         writer, self.writer = self.writer, None
         self.q, self._going = None, False
@@ -292,8 +257,32 @@ class NextPose:
             writer.ended(why)
         self.refresh(self._session.snapshot)
 
+    def note(self, writer: PoseWriter, why: Told | None) -> None:
+        """Say ``why`` there is no next pose; None: this writer says no more about it."""
+        before, self._note = self._note, None if why is None else (writer, why)
+        if why is None and before is not None and before[0] is not writer:
+            self._note = before
+        if self._note != before:
+            self.draw()
+
+    @property
+    def in_view(self) -> FloatArray | None:
+        """(n,) where its ghost stands [rad]; None: nowhere, also while a program runs."""
+        return None if self._waits else self.q
+
+    def _show_in_view(self) -> None:
+        """A ghost over the arm that runs a program would hide it."""
+        if (q := self.in_view) is None:
+            self.ghost.hide()
+        else:
+            self.ghost.show(q)
+        self._path.set_visible(q is not None and self.trajectory is not None)
+
     def refresh(self, snapshot: Snapshot) -> None:
         """Plan anew where the arm stands elsewhere, end where it has come to the pose, and say so."""
+        if self._waits != (snapshot.program is not None):
+            self._waits = snapshot.program is not None
+            self._show_in_view()
         if self.q is not None and self.writer is not None:
             self._going = self._going and snapshot.busy
             if snapshot.commanded and self._is_there(self.q, snapshot):  # not one that is led there by hand
@@ -302,7 +291,11 @@ class NextPose:
             if not snapshot.busy:
                 self._ask(self.q, self.writer, snapshot)
         self._show_theirs(snapshot)
-        self._session.parts.show(_LINE, self._html(snapshot))
+        self.draw()
+
+    def draw(self) -> None:
+        """Show the line."""
+        self._session.parts.show(_LINE, self._html(self._session.snapshot))
 
     def close(self) -> None:
         """The page is gone."""
@@ -332,9 +325,9 @@ class NextPose:
         except ArmctlError as refusal:
             if self._asked is not None or self._planned is None:
                 self._forget_plan()
-            self._planned = _Planned(refused=str(refusal))
+            self._planned = Planned(refused=str(refusal))
             return
-        asked = _ToPlan(self._session.held, self.standing(snapshot).copy(), q, movement)
+        asked = ToPlan(self._session.held, self.standing(snapshot).copy(), q, movement)
         if not asked.is_as(self._asked):
             self._forget_plan()
             self._asked = asked
@@ -356,8 +349,8 @@ class NextPose:
         self._planned = planned
         if planned.tool_m is not None:
             self._path.show(segments(planned.tool_m))
-            self._path.set_visible(True)
-        self._session.parts.show(_LINE, self._html(self._session.snapshot))
+            self._path.set_visible(not self._waits)
+        self.draw()
 
     # Go.
 
@@ -382,8 +375,9 @@ class NextPose:
 
     # A page that is loaded anew says what it had (``overlay.js``). It can do no more by it than by typing.
 
-    def _kept(self, q: FloatArray, words: str) -> str:
+    def _kept(self, q: FloatArray, writer: PoseWriter) -> str:
         profile, duration = self._movement
+        words = writer.kept_words or writer.words
         kept = _Kept(self._robot.name, tuple(q.tolist()), words, profile, duration)
         return f"<i hidden data-keep=recall data-kept='{escape(msgspec.json.encode(kept).decode())}'></i>"
 
@@ -401,25 +395,30 @@ class NextPose:
 
     def _html(self, snapshot: Snapshot) -> str:
         why, record = self._session.why_not(Need.HOLDING, snapshot), self._record(snapshot)
+        record += next_line.graph(self.graph)
+        if (runs := self.running(snapshot)) is not None:
+            kept = "" if self.q is None or self.writer is None else self._kept(self.q, self.writer)
+            return runs.html(kept + record + next_line.go(why or _RUNS), " program")
         if self.q is None or self.writer is None:
-            return _line("<b>No next pose</b>", _HOW, record + _go(_NONE))
+            told = NOTHING if self._note is None else self._note[1]
+            return told.html(record + next_line.go(_NONE))
         x, y, z = (fixed(1000 * value, 1) for value in self._robot.forward(self.q)[:3, 3].tolist())
-        place = f"<b>X {x} &ensp;Y {y} &ensp;Z {z} mm</b>"
+        place = f"<b>X {x} &ensp;Y {y} &ensp;Z {z} mm</b>" + self._kept(self.q, self.writer)
         planned, motion = self._planned, self.trajectory
         seconds = "" if motion is None else f" · {fixed(motion.duration / snapshot.speed, 2)} s"
-        place += self._kept(self.q, self.writer.kept_words or self.writer.words)
         who = f"{escape(self.writer.words)}{seconds} · "
         if self._going:
             come = "" if snapshot.progress is None else f" · {round(100 * snapshot.progress)} %"
-            return _line(place, f"{who}on its way{come}", record + _go("the arm is on its way"), " on")
+            go = next_line.go("the arm is on its way")
+            return next_line.line(place, f"{who}on its way{come}", record + go, " on")
         if planned is not None and planned.refused:
             why = sentence(planned.refused)
-            told = f"<em class='bad' title='{escape(why)}'>{escape(why)}</em>"
+            told = next_line.refusal(why, "bad")
         elif why is not None:
-            told = f"<em title='{escape(why)}'>{escape(why)}</em>"
+            told = next_line.refusal(why)
         else:
             told = "planning …" if planned is None else "<em class='good'>clear</em>"
-        return _line(place, who + told, _FORGET + record + _go(why, str(self.number)), " on")
+        return next_line.line(place, who + told, FORGET + record + next_line.go(why, str(self.number)), " on")
 
     def require_seen(self, key: str) -> None:
         """Refuse (``InputError``) what was pressed for another next pose than this one."""
@@ -427,23 +426,14 @@ class NextPose:
             raise InputError(_CHANGED)
 
     def _record(self, snapshot: Snapshot) -> str:
-        what = "where the arm is" if self.q is None else "the next pose"
-        why, title = self._session.why_not(None, snapshot), f"Put {what} on the list of Serial motion"
-        return button(
-            "record", "Record", key=str(self.number), why=why, title=title, kind="record", icon="record"
-        )
+        what, why = "the next pose", self._session.why_not(None, snapshot)
+        if self.q is None:
+            what, why = "where the arm is", why or _UNKNOWN(snapshot)
+        return next_line.record(what, str(self.number), why)
 
     @property
     def _robot(self) -> Robot:
         return self._session.console.robot
 
 
-_FORGET = button("forget", "", title="Forget the next pose", kind="bare", icon="cross")
-
-
-def _line(place: str, what: str, buttons: str, state: str = "") -> str:
-    return f"<i class='swatch{state}'></i><p>{place}<span>{what}</span></p>{buttons}"
-
-
-def _go(why: str | None = None, number: str = "") -> str:
-    return button("go", "Go", key=number, why=why, kind="go", icon="play")
+_UNKNOWN = refused_by(present_pose)

@@ -29,7 +29,7 @@ from armctl.ui.offers import NO_REASON, Disableable, Offer
 from armctl.ui.robot_switch import RobotSwitch
 from armctl.ui.scene.ghost import Ghost
 from armctl.ui.scene.stage import look_at_arm
-from armctl.ui.widgets.html import LiveHtml
+from armctl.ui.widgets.html import LiveHtml, with_minus
 
 LOG = logging.getLogger("armctl.ui")
 _LINK_AGAIN_S, _LINK_TIMEOUT_S = 0.5, 3.0
@@ -440,7 +440,7 @@ class Session:
 
     def notify(self, title: str, text: str, color: Color = "blue", more: str = "") -> None:
         """Show a notification for as long as it takes to read it."""
-        self._notices.show(title, text, color, more)
+        self._notices.show(title, with_minus(text), color, more)
 
 
 def _label_of(pressed: object) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping
 from html import escape
 
@@ -18,7 +19,7 @@ from armctl.ui.session import Session
 from armctl.ui.tabs.manual.program_ahead import ProgramAhead
 from armctl.ui.tabs.manual.shared_program import SharedProgram
 from armctl.ui.widgets.graph import Bound, Curves, Graph, PlotLine, legend
-from armctl.ui.widgets.html import button, fixed, sentence
+from armctl.ui.widgets.html import button, fixed, sentence, with_minus
 
 _PART, _TICKS = "timeline", 4
 QUANTITIES = {"Angle": "°", "Speed": "°/s", "Accel.": "°/s²", "Tool": "mm"}
@@ -28,7 +29,10 @@ _MOTIONS = {"pose": "Next pose", "program": "Program"}
 """what motions can be drawn"""
 _BOUND_FROM = 0.7
 """a joint that comes so near to its limit has it drawn"""
+_AT_LIMIT = 0.995
 _OPEN, _FOLDED = "open", "folded"
+_HELD_S = 4.0
+"""so long after somebody has led the cursor it stays there, while a program runs"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +79,10 @@ def track(robot: Robot, motion: Trajectory, quantity: str, times: FloatArray) ->
     ends = robot.shown(low)[most], robot.shown(high)[most]
     bounds = (float(ends[0]), float(ends[1])) if shares[most] >= _BOUND_FROM else None
     near = f"{names[most]} at {100 * shares[most]:.0f} % {what}"
+    if bounds is not None and quantity == "Angle" and shares[most] >= _AT_LIMIT:
+        share = (values[:, most] - low[most]) / (high[most] - low[most])
+        end = bounds[int(share[np.abs(share - 0.5).argmax()] > 0.5)]
+        near = f"{names[most]} reaches its limit ({fixed(end, 1)}°)"
     return Track(names, robot.shown(values), near, most, bounds)
 
 
@@ -94,6 +102,10 @@ class Timeline:
         self._motion: Trajectory | None = None
         self._speed = 1.0
         """the override"""
+        self._held_at = -np.inf
+        """when somebody has led the cursor last [s]"""
+        self._track: tuple[tuple[object, ...], Track] | None = None
+        """what was drawn last, and for what"""
         self.graph = Graph(session, _PART, self._on_cursor, self._draw)
         for do, action in {
             "timeline": self._on_fold,
@@ -111,11 +123,16 @@ class Timeline:
         if whole and self._open:
             self._ahead.look(self._session, snapshot)
         motion = self._ahead.motion if whole else self._session.next.trajectory
-        now = motion, snapshot.speed, self._running(snapshot), self._ahead.note if whole else ""
+        at = self._at(snapshot) if whole and self._open else None
+        now = motion, snapshot.speed, self._running(snapshot), self._ahead.note if whole else "", at
         if now != self._drawn:
-            if motion is not self._motion:
+            if motion is not self._motion or (self.graph.runs and at is None):
                 self._motion = motion
                 self.graph.reset()
+                self._looked_at.hide()
+            self.graph.runs = at is not None
+            if at is not None:
+                self.graph.share = at
                 self._looked_at.hide()
             self._drawn, self._speed = now, snapshot.speed
             self._draw()
@@ -126,9 +143,16 @@ class Timeline:
         at = snapshot.program
         return at.step if at is not None and self._shared.relation(at) == "running" else None
 
+    def _at(self, snapshot: Snapshot) -> float | None:
+        """Where the program is that runs, as a share of a pass; None: the cursor does not follow it."""
+        now, motion = self._ahead.underway(snapshot), self._ahead.motion
+        if now is None or now.at is None or motion is None or motion.duration <= 0.0:
+            return None
+        return None if time.monotonic() - self._held_at < _HELD_S else now.at / motion.duration
+
     async def _recall(self) -> None:
         self._open = await self._session.recall("timeline") == _OPEN
-        self._draw()
+        self._fold()
 
     # What is done here.
 
@@ -136,6 +160,12 @@ class Timeline:
         self._open = not self._open
         self._session.remember("timeline", _OPEN if self._open else _FOLDED)
         self._looked_at.hide()
+        self._fold()
+
+    def _fold(self) -> None:
+        """The line above has the button that opens it."""
+        self._session.next.graph = self._open
+        self._session.next.draw()
         self._draw()
 
     def _on_motion(self, key: str) -> None:
@@ -152,7 +182,7 @@ class Timeline:
         motion = self._motion
         if motion is None:
             return
-        self.graph.share = share
+        self.graph.share, self._held_at, self.graph.runs = share, time.monotonic(), False
         if share < 1.0:
             q = motion.sample(share * motion.duration).q
             self._looked_at.show(q, self._session.snapshot.q_command)
@@ -180,32 +210,48 @@ class Timeline:
         self._session.parts.show(_PART, self._html())
 
     def _html(self) -> str:
-        label = "Hide" if self._open else "Graph"
-        fold = button("timeline", label, title="A motion over time", kind="link")
         if not self._open:
-            return f"<header>{fold}</header>"
+            return ""
         chips = _chips("timeline-of", _MOTIONS, self._shows) + "<i class='gap'></i>"
         chips += _chips("timeline-shows", dict.fromkeys(QUANTITIES), self._quantity)
         motion, whole = self._motion, self._shows == "program"
         if motion is None or motion.duration <= 0.0:
             why = sentence(self._ahead.note) if whole and self._ahead.note else _NOTHING
-            return f"<header>{chips}{fold}</header><p class='plot'>{escape(why)}</p>"
-        times, unit = self.graph.times(motion.duration), QUANTITIES[self._quantity]
-        drawn = track(self._robot, motion, self._quantity, times)
-        curves, share = drawn.curves(times), self.graph.share
-        at = np.array([share * motion.duration])
-        here = track(self._robot, motion, self._quantity, at).values[0]
-        end = motion.duration / self._speed
-        clock = f"<output>{fixed(share * end, 2)} / {fixed(end, 2)} s</output>"
-        note = self._ahead.note if whole else ""
-        words = "".join(f"<span>{escape(text)}</span>" for text in (unit, drawn.nearest, note) if text)
-        csv = button("timeline-csv", "CSV", title="Download what is drawn", kind="chip")
+            return f"<header>{chips}</header><p class='plot'>{escape(why)}</p>"
+        csv = button("timeline-csv", "CSV", title="Download what is drawn", kind="tool")
         clips = self._clips(motion) if whole else ""
+        curves = self._tracked(motion).curves(self.graph.times(motion.duration))
         plot = self.graph.plot(curves, _MOTIONS[self._shows], _TICKS, self._speed, clips)
         return (
-            f"<header>{chips}{self.graph.tools()}{csv}{fold}</header>"
-            f"<div class='legend'>{legend(curves.lines, here.tolist())}{words}{clock}</div>{plot}"
+            f"<header>{chips}<i class='rest'></i>{self.graph.tools()}{csv}</header>"
+            f"<div class='legend'>{self._legend(motion, curves)}</div>{plot}"
         )
+
+    def _tracked(self, motion: Trajectory) -> Track:
+        """What is drawn; a cursor that runs changes nothing of it."""
+        of = motion, self._quantity, self.graph.window
+        if self._track is None or self._track[0] != of:
+            self._track = of, track(self._robot, motion, self._quantity, self.graph.times(motion.duration))
+        return self._track[1]
+
+    def _legend(self, motion: Trajectory, curves: Curves) -> str:
+        """Each line with its value at the cursor, what comes near its limit, and the time at the cursor."""
+        unit, share, drawn = QUANTITIES[self._quantity], self.graph.share, self._tracked(motion)
+        if self.graph.runs:
+            here = _now(self._robot, self._session.snapshot, self._quantity)
+        else:
+            here = track(self._robot, motion, self._quantity, np.array([share * motion.duration])).values[0]
+        end = motion.duration / self._speed
+        near = "warn" if drawn.bounds is not None else ""
+        words = f"<span class='{near}'>{escape(drawn.nearest)}</span>" if drawn.nearest else ""
+        note, found = self._ahead.note if self._shows == "program" else "", self._ahead.rehearsal
+        if note and found is not None and found.broken is not None:
+            told = escape(with_minus(note))
+            words = f"<span class='bad' title='{told}'>Step {found.broken.index + 1} cannot run</span>"
+        elif note:
+            words += f"<span>{escape(with_minus(note))}</span>"
+        clock = f"<output>{fixed(share * end, 2)} / {fixed(end, 2)} s</output>"
+        return f"{legend(curves.lines, here.tolist(), unit=unit)}<p>{words}</p>{clock}"
 
     def _clips(self, motion: Trajectory) -> str:
         """The steps as they follow each other, in the part of the time that is in view."""
@@ -232,6 +278,14 @@ class Timeline:
     def _ahead_words(self, index: int) -> str:
         row = self._shared.row(self._ahead.keys[index])
         return "" if row is None else f"Step {row + 1}: {self._shared.program.steps[row].describe()}"
+
+
+def _now(robot: Robot, snapshot: Snapshot, quantity: str) -> FloatArray:
+    """A quantity as it is commanded now, as ``track`` has it."""
+    if quantity == "Tool":
+        return 1000 * robot.forward(snapshot.q_command)[:3, 3]
+    values = {"Angle": snapshot.q_command, "Speed": snapshot.velocity_command}
+    return robot.shown(values.get(quantity, snapshot.acceleration_command))
 
 
 def _chips(do: str, labels: Mapping[str, str | None], chosen: str) -> str:

@@ -121,13 +121,15 @@ class Graph:
         """where the cursor stands"""
         self.window = 0.0, 1.0
         """what is in view"""
+        self.runs = False
+        """the cursor goes with what runs now"""
         session.on_part(f"{name}-zoom", self._on_zoom)
         session.on_part_value(f"{name}-wheel", self._on_wheel)
         session.on_part_value(f"{name}-at", self._on_at)
 
     def reset(self) -> None:
         """Another motion: all of it is in view, the cursor stands at its end."""
-        self.share, self.window = 1.0, (0.0, 1.0)
+        self.share, self.window, self.runs = 1.0, (0.0, 1.0), False
 
     def times(self, duration: float) -> FloatArray:
         """(k,) of what is in view of a motion of ``duration`` [s]."""
@@ -191,7 +193,7 @@ class Graph:
                 label,
                 key=key,
                 title=title,
-                kind="chip",
+                kind="tool",
                 why=None if key == "in" else why,
             )
             for key, label, title in _TOOLS
@@ -210,7 +212,9 @@ class Graph:
             f"aria-label='{escape(self._cursor)}: {escape(of)}'>"
         )
         wheel = f" data-wheel='{self._name}-wheel'{self._held}"
-        return plot_html(curves, ticks, here, speed=speed, wheel=wheel, over=over, under=under)
+        return plot_html(
+            curves, ticks, here, speed=speed, wheel=wheel, over=over, under=under, runs=self.runs
+        )
 
 
 def graph_html(graph: Graph, curves: Curves, heading: str) -> str:
@@ -238,18 +242,19 @@ def plot_html(
     wheel: str = "",
     over: str = "",
     under: str = "",
+    runs: bool = False,
 ) -> str:
     """The drawing, with about so many numbers at its side; the ends of x have to be apart.
 
     ``cursor``: where it stands, as a share of the width. ``speed``: the present override; the times that are
     written are those with it. ``wheel``: attributes of what the wheel turns. ``over``, ``under``: HTML over
-    the drawing, and between drawing and numbers.
+    the drawing, and between drawing and numbers. ``runs``: the cursor is where something is now.
     """
     low, high = _range(curves)
     levels = _ticks(low, high, ticks)
     line = ""
     if cursor is not None and 0.0 <= cursor <= 1.0:
-        line = f"<i class='cursor' style='left:{100 * cursor:.1f}%'></i>"
+        line = f"<i class='cursor{' runs' * runs}' style='left:{100 * cursor:.1f}%'></i>"
     sides = "".join(
         f"<small style='top:{100 * (high - level) / (high - low):.1f}%'>{text}</small>"
         for level, text in levels
@@ -272,11 +277,12 @@ def legend(
     here: Sequence[float],
     bounds: Sequence[Bound] = (),
     marks: Sequence[PlotMark] = (),
+    unit: str = "",
 ) -> str:
     """What each line is, its value at the cursor, and what limits and marks are."""
     names = "".join(
         f"<span>{_swatch(line.color, '' if line.dash is None else 'dashed')}{escape(line.name)} "
-        f"<b>{fixed(value, 1)}</b></span>"
+        f"<b>{fixed(value, 1)}</b>{escape(unit)}</span>"
         for line, value in zip(lines, here, strict=True)
     )
     limits = (f"<span>{_swatch(one.color, 'dashed')}{escape(one.name)}</span>" for one in bounds)

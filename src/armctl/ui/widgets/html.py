@@ -107,6 +107,7 @@ _ICONS = {
     "cross": "M4 4l8 8M12 4l-8 8",
     "record": "M8 4a4 4 0 1 0 .01 0z",
     "theme": "M8 2.5a5.5 5.5 0 1 0 .01 0zM8 2.5v11",
+    "graph": "M2.5 2.5v11h11M5 10.5l3-4 2.5 2 3-5",
     "undo": "M6 3L3 6l3 3M3 6h6.5a3.5 3.5 0 0 1 0 7H6",
     "redo": "M10 3l3 3-3 3M13 6H6.5a3.5 3.5 0 0 0 0 7H10",
 }
@@ -279,8 +280,13 @@ _MARK = {"error": ("✕ refused", ERROR), "warning": ("! warning", WARNING)}
 _EDGE = "margin:4px 0;padding:2px 0 2px 8px;border-left:3px solid "
 
 
-def verdict_html(findings: Sequence[Finding], unknown: Sequence[Unchecked] = ()) -> str:
-    """Findings as HTML, errors first, one block each; below them what is ``unknown`` (``not_checked``)."""
+def verdict_html(
+    findings: Sequence[Finding], unknown: Sequence[Unchecked] = (), *, at_rows: bool = False
+) -> str:
+    """Findings as HTML, errors first, one block each; below them what is ``unknown`` (``not_checked``).
+
+    ``at_rows``: the first of each step is told whole at the row of its step; here it is only named.
+    """
     if not findings:
         # What is not checked at all must not be told as checked in the line above it.
         left_out = {one.kind for one in unknown if one.kind == "torque"}
@@ -289,7 +295,10 @@ def verdict_html(findings: Sequence[Finding], unknown: Sequence[Unchecked] = ())
         verdict = f"<details>{summary}<span style='opacity:.75'>Checked: {checked}.</span></details>"
     else:
         shown = sorted(findings, key=lambda finding: finding.severity != "error")
-        verdict = _headline(findings) + "".join(_finding_block(finding) for finding in shown[:_MOST_FINDINGS])
+        by_step = {one.step: one for one in reversed(shown) if at_rows and one.step is not None}
+        first = [*by_step.values()]
+        blocks = (_finding_block(one, at_row=one in first) for one in shown[:_MOST_FINDINGS])
+        verdict = _headline(findings) + "".join(blocks)
         if len(shown) > _MOST_FINDINGS:
             verdict += f"<div style='opacity:.75'>and {len(shown) - _MOST_FINDINGS} more</div>"
     notes = "".join(f"<div style='opacity:.75'>Not checked: {escape(one.text)}.</div>" for one in unknown)
@@ -313,7 +322,7 @@ def _headline(findings: Sequence[Finding]) -> str:
     return f"<div style='font-weight:600'>Pre-flight: {verdict}, {counts}</div>"
 
 
-def _finding_block(finding: Finding) -> str:
+def _finding_block(finding: Finding, *, at_row: bool) -> str:
     mark, color = _MARK[finding.severity]
     place: list[str] = []
     if finding.step is not None:
@@ -323,6 +332,8 @@ def _finding_block(finding: Finding) -> str:
     if finding.part:
         place.append(finding.part)
     head = f"<b style='color:{color}'>{mark}</b> {escape(' · '.join(place))}"
+    if at_row:
+        return f"<div style='{_EDGE}{color}'>{head}: its row says why</div>"
     mend = f"<div style='opacity:.8'>→ {escape(finding.mend)}</div>" if finding.mend else ""
     what = escape(with_minus(finding.what))
     return f"<div style='{_EDGE}{color}'><div>{head}</div><div>{what}</div>{mend}</div>"

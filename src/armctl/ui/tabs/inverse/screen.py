@@ -14,6 +14,7 @@ from armctl.facts import Need, Reason, State
 from armctl.kinematics import CRITERION_TEXT, FROM_START, checked_criterion
 from armctl.protocol import Snapshot
 from armctl.ui.events import Newest, OneAtATime
+from armctl.ui.next_line import Told
 from armctl.ui.next_pose import Movement, PoseWriter
 from armctl.ui.offers import NO_REASON, why_html
 from armctl.ui.scene.ghost import Preview
@@ -31,7 +32,7 @@ from armctl.ui.tabs.inverse.answer_html import (
 from armctl.ui.tabs.inverse.branches import TAB, BranchView
 from armctl.ui.tabs.inverse.curve import EnergyCurveView
 from armctl.ui.tabs.inverse.target_form import TargetForm
-from armctl.ui.widgets.html import LiveHtml, Pager, muted, refused, sentence, warned
+from armctl.ui.widgets.html import LiveHtml, Pager, fixed, muted, refused, sentence, warned
 from armctl.ui.widgets.number_field import button_pairs, field_grid
 from armctl.ui.widgets.profile_choice import MOVEMENTS, ProfileChoice
 
@@ -349,7 +350,7 @@ class InverseScreen:
         found = self._answer
         goal = None if found is None or found.why_not else found.next
         if goal is None:
-            self._writer.hide()
+            self._writer.hide(None if found is None else _why_none(found))
         else:
             self._writer.show(goal)
         nearest = None if found is None or goal is not None else found.solutions.nearest_q
@@ -412,3 +413,11 @@ class InverseScreen:
         self._curve.mark(row)
         if row is not None and found.solutions.success:
             self._writer.show(found.q(row))
+
+
+def _why_none(found: RankedSolutions) -> Told:
+    """What the line under the scene says where the arm does not go to what was solved."""
+    away = 1000 * found.solutions.nearest_away_m
+    if away > 0.0:
+        return Told("Out of reach", f"the nearest point is {fixed(away, 1)} mm away; see Inverse", bad=True)
+    return Told("The arm cannot go there", "Inverse says why", bad=True)

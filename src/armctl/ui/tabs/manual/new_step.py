@@ -8,7 +8,6 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from armctl.arrays import FloatArray
 from armctl.errors import StateError
 from armctl.motion import usual_pitch
 from armctl.program import Step
@@ -21,7 +20,7 @@ from armctl.program.motion_steps import END, RPY, VIA, tool_turn
 from armctl.program.standing_steps import EDGES
 from armctl.protocol import Snapshot
 from armctl.robot import Robot
-from armctl.ui.console import pose_unknown
+from armctl.ui.console import present_pose
 from armctl.ui.widgets.angle_fields import slider_degrees
 
 Point = tuple[float, float, float]
@@ -211,11 +210,3 @@ def tool_point_mm(robot: Robot, pose_deg: tuple[float, ...]) -> Point:
 def present_pose_deg(robot: Robot, snapshot: Snapshot) -> tuple[float, ...]:
     """The pose to record, in degrees; ``StateError``: not known."""
     return tuple(slider_degrees(robot, present_pose(snapshot)))
-
-
-def present_pose(snapshot: Snapshot) -> FloatArray:
-    """The same (n,) [rad]: as commanded, else as the board reports it."""
-    q = snapshot.q_command if snapshot.commanded else snapshot.q
-    if np.isfinite(q).all():
-        return q
-    raise pose_unknown(snapshot)

@@ -15,7 +15,9 @@ from armctl.program.base_steps import BlockStep
 from armctl.program.edit import PLACES, Change, add, delete, duplicate, grid_around, move, surround
 from armctl.program.rehearsal import pose_after
 from armctl.protocol import Party, UpdateProgram
+from armctl.ui.console import present_pose
 from armctl.ui.events import OneAtATime
+from armctl.ui.next_line import Told
 from armctl.ui.next_pose import PoseWriter
 from armctl.ui.offers import refused_by
 from armctl.ui.session import Session
@@ -24,7 +26,6 @@ from armctl.ui.tabs.manual.new_step import (
     SET_VIA,
     Point,
     in_each_cell,
-    present_pose,
     present_pose_deg,
     quick_kinds,
     step_here,
@@ -49,7 +50,7 @@ class ProgramEditor:
         self.leads_nowhere = ""
         """why the step that was chosen leads to no next pose"""
         self._writer = PoseWriter(session, "", kept_words="step of a program, as it was")
-        self._asked = self._shown = ""
+        self.asked = self._shown = ""
         """keys of the step whose end is to be the next pose, and of the one whose end was made it last"""
         self._showing = OneAtATime(self._show_end)
         self.where = PLACES[2]
@@ -91,13 +92,13 @@ class ProgramEditor:
             self._ask(self._key if gone else self._shown)
 
     def _ask(self, key: str) -> None:
-        self.leads_nowhere, self._asked = "", key
+        self.leads_nowhere, self.asked = "", key
         self._writer.begin()
         self._session.spawn(self._showing.run())
 
     async def _show_end(self) -> None:
         """Planning the way there may take tenths of a second."""
-        session, program, key = self._session, self._shared.program, self._asked
+        session, program, key = self._session, self._shared.program, self.asked
         row, start = self._shared.row(key), session.console.last_known.standing(session.snapshot)
         q, refused = None, ""
         if row is not None:
@@ -105,15 +106,16 @@ class ProgramEditor:
                 linked = await self._shared.linked()
                 q = await asyncio.to_thread(pose_after, session.held, linked, row, start)
             except ArmctlError as refusal:
-                refused = f"step {row + 1}: {refusal}"
-        if self._shared.program is not program or self._asked != key or self._writer.overtaken:
+                refused = str(refusal)
+        if self._shared.program is not program or self.asked != key or self._writer.overtaken:
             return
         if q is not None and row is not None:
             self._shown, self._writer.words = key, f"step {row + 1}"
             self._writer.show(q)
         elif refused or self._shared.row(self._shown) is None:
             self.leads_nowhere = refused
-            self._writer.hide()
+            what = f"Step {'' if row is None else row + 1} cannot run"
+            self._writer.hide(Told(what, "its row says why", bad=True) if refused else None)
 
     async def change(self, change: Callable[[Program], Change]) -> None:
         """Change list and selection, from the next pass on; refused if impossible, or on a watching page."""
@@ -216,13 +218,16 @@ _TOOL_HINT = "Where the tool is: as a point, or as the end of a straight line or
 class ProgramRecord:
     """Buttons that put steps on the list and move them about."""
 
-    def __init__(self, session: Session, editor: ProgramEditor) -> None:
+    def __init__(self, session: Session, editor: ProgramEditor, more: viser.GuiFolderHandle) -> None:
+        """``more``: where what is needed now and then stands."""
         self._session, self._editor = session, editor
         self._via_mm: Point | None = None
         self._kinds: dict[str, type[Step]] = {}
         gui = session.gui
-        where = gui.add_dropdown("New steps go", PLACES, initial_value=editor.where)
-        rows = gui.add_text("Wrap rows", "", hint=_ROWS_HINT)
+        with more:
+            where = gui.add_dropdown("New steps go", PLACES, initial_value=editor.where)
+            rows = gui.add_text("Wrap rows", "", hint=_ROWS_HINT)
+            self._edits = edits = gui.add_button_group("Edit", tuple(_EDITS), visible=False)
         session.on(where.on_update, partial(self._on_where, where))
         session.on(rows.on_update, partial(self._on_rows, rows))
         groups: list[viser.GuiButtonGroupHandle] = []
@@ -234,14 +239,13 @@ class ProgramRecord:
             group = gui.add_button_group(row, labels, hint=_TOOL_HINT if ARC in labels else None)
             session.on(group.on_click, partial(self._on_group, group))
             groups.append(group)
-        session.needs(None, *groups, also=refused_by(present_pose))
+        session.needs(None, *groups, also=refused_by(present_pose), told=False)
         pose = partial(self._record, next(iter(self._kinds)))
         command = session.command("Record pose", pose, "Put the present pose on the list of Serial motion")
         session.needs(None, command, also=refused_by(present_pose), told=False)
         session.on_press("record", "Record", self._on_record_next)
         self._via = LiveHtml(gui)
         self._via.visible = False
-        self._edits = edits = gui.add_button_group("Edit", tuple(_EDITS), visible=False)
         self._shared = session.console.shared(SharedProgram)
         session.needs(None, edits, told=False)
         session.on(edits.on_click, lambda: self._edit(_EDITS[edits.value]))

@@ -17,7 +17,7 @@ from armctl.motion.preflight import Finding
 from armctl.program import Program, Step
 from armctl.program.base_steps import places_of
 from armctl.program.edit import Change, delete, duplicate, move, move_before, point_in, replace
-from armctl.protocol import Snapshot
+from armctl.protocol import ProgramProgress, Snapshot
 from armctl.ui.session import Session
 from armctl.ui.tabs.manual.new_step import (
     CELL_GROUP,
@@ -26,24 +26,24 @@ from armctl.ui.tabs.manual.new_step import (
     recorded_kinds,
     tool_point_mm,
 )
+from armctl.ui.tabs.manual.program_ahead import ProgramAhead
 from armctl.ui.tabs.manual.program_editor import EDIT_WAITS, ProgramEditor
 from armctl.ui.tabs.manual.shared_program import SharedProgram
 from armctl.ui.tabs.manual.step_form import KnownNames, StepEdit, texts_of
 from armctl.ui.widgets import html
-from armctl.ui.widgets.html import GOOD, WARNING, sentence, with_minus
+from armctl.ui.widgets.html import fixed, with_minus
 
 PART = "program"
 """the part, and the list in it"""
 _DEEPEST_SHOWN = 8
 _LONG = 20
 """rows, from which on the list has its greatest height"""
-_TENTHS = 10
+_PARTS = 50
 """how finely the progress of a step is shown"""
 _ADD = "Add step"
-_EMPTY = (
-    "<p>No steps yet. Bring the arm somewhere (Joints, Jog), then press <b>Record pose</b>; repeat; "
-    f"press <b>Run once</b>. All other steps are in <b>{_ADD}</b>.</p>"
-)
+SAMPLE = "Load a sample"
+_EMPTY = """<p>No steps yet. Bring the arm somewhere (Joints, Jog), then press <b>Record pose</b>; repeat;
+press <b>Run once</b>.</p>"""
 _KEYS = (
     "Enter:step-edit Delete:step-delete Alt+ArrowUp:step-up Alt+ArrowDown:step-down Ctrl+d:step-copy "
     "Ctrl+z:step-undo Ctrl+y:step-redo Ctrl+Shift+z:step-redo"
@@ -59,7 +59,7 @@ class RowState:
     tools: bool = False
     """with its buttons"""
     done: int | None = None
-    """it runs; so many tenths of it are over"""
+    """it runs; so many parts of it are over"""
     severity: str = ""
     finding: str = ""
     fields: str = ""
@@ -83,6 +83,7 @@ class ProgramList:
         """``findings``: what is known to be wrong with the program that is on the list."""
         self._session, self._editor, self._findings = session, editor, findings
         self._shared = session.console.shared(SharedProgram)
+        self._ahead = session.console.shared(ProgramAhead)
         self._edit: StepEdit | None = None
         self._adding = False
         """the menu of new steps is open"""
@@ -90,6 +91,8 @@ class ProgramList:
         self._cell_kinds = cell_kinds(session.console.robot)
         self._plain: dict[str, tuple[Step, int, str, str]] = {}
         """rows as they are where nothing is said of them, by key: step, depth, what it is of, HTML"""
+        self._lasts: dict[str, str] = {}
+        """how long each step takes, by key, as far as that is known"""
         self._version = -1
         self._states: dict[str, RowState] = {}
         """of the rows that are not plain, as drawn"""
@@ -237,9 +240,13 @@ class ProgramList:
             self._view = running if running and running != self._viewed[1] else selected
             self._viewed = (selected, running)
         session.parts.show(PART, self._html(snapshot, running=bool(running), may=may))
-        if self._version != shared.version:
+        edited, timed = self._version != shared.version, self._lasts is not self._ahead.lasts
+        if timed:
+            self._lasts, self._plain = self._ahead.lasts, {}
+        if edited:
             self._version = shared.version
             editor.follow()
+        if edited or timed:
             session.parts.rows(PART, self._all_rows(states))
         else:
             for key in states.keys() | self._states.keys():
@@ -251,19 +258,21 @@ class ProgramList:
 
     def _row_states(self, snapshot: Snapshot, *, may: bool) -> dict[str, RowState]:
         """Of the rows that are not plain, by key."""
-        shared, keys = self._shared, self._shared.keys
+        shared, keys, editor = self._shared, self._shared.keys, self._editor
         steps = shared.program.steps
         said = _by_step(self._findings())
-        running = _running(snapshot) if shared.relation(snapshot.program) == "running" else None
+        if editor.leads_nowhere and (at := shared.row(editor.asked)) is not None:
+            said.setdefault(at, ("error", editor.leads_nowhere))
+        running = self._ahead.underway(snapshot)
         edit = self._edit
         rows = {row for row in said if row < len(steps)}
         rows |= {self._editor.selected} if steps else set()
-        rows |= set() if running is None else {running[0]}
+        rows |= set() if running is None else {running.step}
         rows |= set() if edit is None or (row := shared.row(edit.key)) is None else {row}
         states: dict[str, RowState] = {}
         for row in rows:
             selected, (severity, finding) = row == self._editor.selected, said.get(row, ("", ""))
-            done = running[1] if running is not None and running[0] == row else None
+            done = int(_PARTS * running.share) if running is not None and running.step == row else None
             fields = ""
             if edit is not None and edit.key == keys[row]:
                 names = KnownNames(shared.callable, tuple(shared.program.frames), shared.drawings)
@@ -284,11 +293,11 @@ class ProgramList:
 
     def _row(self, key: str, row: int, state: RowState) -> str:
         step, depth = self._shared.program.steps[row], self._shared.blocks.depths[row]
-        of = self._of(row)
+        of, lasts = self._of(row), self._lasts.get(key, "")
         if state is not _PLAIN:
-            return row_html(key, row, step, depth, state, of)
+            return row_html(key, row, step, depth, state, of, lasts)
         if key not in self._plain:
-            self._plain[key] = step, depth, of, row_html(key, row, step, depth, state, of)
+            self._plain[key] = step, depth, of, row_html(key, row, step, depth, state, of, lasts)
         return self._plain[key][3]
 
     def _of(self, row: int) -> str:
@@ -301,15 +310,12 @@ class ProgramList:
 
     def _html(self, snapshot: Snapshot, *, running: bool, may: bool) -> str:
         head = f"<div class=armctl-head>{self._headline(snapshot, running=running)}</div>"
-        edit, said = self._shared.last_edit, ""
-        if edit is not None and edit.by.id != self._session.me:
-            said = f"{escape(edit.by.name)} edited row {edit.row + 1}"
-        if self._editor.leads_nowhere:
-            said = escape(sentence(self._editor.leads_nowhere))
-        head += f"<p role=status>{said}</p>{self._menu() if may else ''}"
+        head += self._menu() if may else ""
         if not self._shared.keys:
-            return head + _EMPTY
+            sample = html.button("step-sample", SAMPLE, title="Look at one, and run it") if may else ""
+            return f"{head}<div class=armctl-none>{_EMPTY}{sample}</div>"
         does = f" data-twice=step-edit data-moves=step-move data-keys='{_KEYS}'" if may else ""
+        does += " data-running" * running
         return (
             f"{head}<div class=armctl-steps role=grid aria-label='Steps of the program' data-rows={PART} "
             f"data-view={self._view}{does}{' data-long' * (len(self._shared.keys) > _LONG)}></div>"
@@ -335,32 +341,38 @@ class ProgramList:
         return f"<div class=armctl-add>{button}{groups}</div>"
 
     def _headline(self, snapshot: Snapshot, *, running: bool) -> str:
+        """Name, and in a line that is always there how long it is, or where it runs."""
         program, progress = self._shared.program, snapshot.program
         count = len(program.steps)
-        line = f"<b>{escape(program.name)}</b> · {count} step{'' if count == 1 else 's'}"
+        name = f"<b>{escape(program.name)}</b> · {count} step{'' if count == 1 else 's'}"
         if progress is None:
-            return line
-        loops = "∞" if progress.loops is None else progress.loops
-        of = f"step {progress.step + 1} of {progress.steps}, pass {progress.loop + 1} of {loops}"
+            return f"{name}{self._summary(snapshot)}"
+        of = f"step {progress.step + 1} of {progress.steps}, {pass_words(progress)}"
         of += f": {escape(progress.inside)}" if progress.inside else ""
         if running:
-            return f"{line} · <span style='color:{GOOD}'>runs {of}</span>"
+            return f"{name}<span class=runs>runs {of}</span>"
         if self._shared.relation(progress) == "coming":
-            return f"{line} · <span style='color:{GOOD}'>runs {of}</span>; <b>{EDIT_WAITS}</b>"
+            return f"{name}<span class=runs>runs {of}; <b>{EDIT_WAITS}</b></span>"
         named = progress.running.name
-        other = "version" if named == program.name else f"program, <b>{escape(named)}</b>"
-        return f"{line}<br><span style='color:{WARNING}'>Runs another {other}: {of}</span>"
+        other = "version" if named == program.name else f"program, {escape(named)}"
+        return f"{name}<span class=warn>Runs another {other}: {of}</span>"
+
+    def _summary(self, snapshot: Snapshot) -> str:
+        """What is wrong with it, who has edited it, or how long it takes."""
+        wrong = sum(finding.severity == "error" for finding in self._findings())
+        if wrong := wrong or int(bool(self._editor.leads_nowhere)):
+            return f"<span class=bad>{'1 step' if wrong == 1 else f'{wrong} steps'} cannot run</span>"
+        edit, found = self._shared.last_edit, self._ahead.rehearsal
+        if edit is not None and edit.by.id != self._session.me:
+            return f"<span role=status>{escape(edit.by.name)} edited row {edit.row + 1}</span>"
+        if found is None or not self._shared.keys or self._ahead.note:
+            return f"<span>{html.EMPTY_LINE}</span>"
+        return f"<span>{fixed(found.duration / snapshot.speed, 1)} s a pass</span>"
 
 
-def _running(snapshot: Snapshot) -> tuple[int, int] | None:
-    """The row that runs, and how many tenths of it are over; 0 where that is not known."""
-    at = snapshot.program
-    if at is None:
-        return None
-    over = 0.0
-    if snapshot.progress is not None and at.loops is not None:  # which is told of all passes
-        over = (snapshot.progress * at.loops - at.loop) * at.steps - at.step
-    return at.step, int(_TENTHS * min(max(over, 0.0), 1.0))
+def pass_words(at: ProgramProgress) -> str:
+    """Which pass of a program runs."""
+    return f"pass {at.loop + 1} of {'∞' if at.loops is None else at.loops}"
 
 
 def _by_step(findings: Sequence[Finding]) -> dict[int, tuple[str, str]]:
@@ -374,22 +386,24 @@ def _by_step(findings: Sequence[Finding]) -> dict[int, tuple[str, str]]:
     return said
 
 
-def row_html(key: str, row: int, step: Step, depth: int, state: RowState = _PLAIN, of: str = "") -> str:
+def row_html(
+    key: str, row: int, step: Step, depth: int, state: RowState = _PLAIN, of: str = "", lasts: str = ""
+) -> str:
     """A step as a row of the list; ``depth``: how many blocks are around it. The script writes its number.
 
-    ``of``: the block that it ends or divides, in words.
+    ``of``: the block that it ends or divides, in words. ``lasts``: how long it takes.
 
     It is no ``div``: styles of the page ask of each of those what is in it. In a list of 2,000 that made a
     change five times as slow.
     """
     said = with_minus(of or step.describe())
     words = escape(said)
-    note = f" <small>{escape(step.note)}</small>" if step.note else ""
+    note = f" <small class=note>{escape(step.note)}</small>" if step.note else ""
     note += f" <small class=inside>▸ {escape(state.inside)}</small>" if state.inside else ""
     mark, title = "", escape(" · ".join(text for text in (said, step.note) if text))
     style = f"--in:{min(depth, _DEEPEST_SHOWN)};" if depth else ""
     if state.done is not None:
-        style += f"--done:{100 * state.done // _TENTHS}%"
+        style += f"--done:{100 * state.done // _PARTS}%"
         mark = " aria-current=step"
     if style:
         mark += f" style='{style}'"
@@ -408,7 +422,8 @@ def row_html(key: str, row: int, step: Step, depth: int, state: RowState = _PLAI
         f"tabindex={0 if selected else -1} aria-selected={'true' if selected else 'false'}{mark}>"
         f"<i data-grip></i><span role=gridcell class=nth data-nth></span>"
         f"<b role=gridcell>{escape(step.title)}</b>"
-        f"<span role=gridcell class=does title='{title}'>{words}{note}</span>{finding}{more}</armctl-row>"
+        f"<span role=gridcell class=does title='{title}'>{words}{note}</span>"
+        f"<span role=gridcell class=lasts>{lasts}</span>{finding}{more}</armctl-row>"
     )
 
 

@@ -6,6 +6,7 @@ import asyncio
 import threading
 from collections.abc import Awaitable, Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager
 from functools import partial
 from typing import NamedTuple
 
@@ -14,7 +15,7 @@ import viser
 
 from armctl.arrays import FloatArray
 from armctl.errors import ProgramError, StateError
-from armctl.facts import Need, State
+from armctl.facts import Need
 from armctl.lazy_dataclass import dataclass
 from armctl.motion.preflight import Finding, not_checked
 from armctl.process.heavy_work import check_program_apart, read_program_apart
@@ -30,11 +31,12 @@ from armctl.program import (
 )
 from armctl.program.calls import WholeProgram
 from armctl.program.files import SAMPLES, sample_program
-from armctl.protocol import Pause, Resume, RunProgram, Snapshot
+from armctl.protocol import RunProgram, Snapshot
 from armctl.robot import Robot
 from armctl.ui.events import Newest
 from armctl.ui.session import Session
 from armctl.ui.tabs.manual.program_editor import EMPTY, ProgramEditor
+from armctl.ui.tabs.manual.program_list import SAMPLE
 from armctl.ui.tabs.manual.shared_program import SharedProgram
 from armctl.ui.widgets.html import LiveHtml, first_error, muted, verdict_html
 from armctl.ui.widgets.number_field import NumberField, field_grid
@@ -52,6 +54,7 @@ _WRITERS: dict[str, tuple[str, Callable[[Program, Robot], str]]] = {
     "CSV X-Y-Z": ("-xyz.csv", lambda program, robot: write_csv(program, robot, "points")),
     "Python": (".py", lambda program, _: write_script(program)),
 }
+_LOAD_HINT = "The chosen one takes the place of what is on the list. Undo brings that back."
 _EXPORT_HINT = "CSV X-Y-Z: poses become points of the tool. Python: a script for the armctl library."
 
 
@@ -67,18 +70,20 @@ class ProgramFiles:
         self._named = self._shared.program.name
         gui = session.gui
         self._name = gui.add_text("Name", initial_value=self._named)
-        save = gui.add_button_group("This program", ("Save",))
+        save = gui.add_button("Save", icon=viser.Icon.DEVICE_FLOPPY)
         session.needs(None, save)
-        export = gui.add_button_group("Download as", tuple(_WRITERS), hint=_EXPORT_HINT)
         self._saved = gui.add_dropdown("Saved programs", self._choices())
-        load = gui.add_button_group("Chosen one", ("Load",))
+        load = gui.add_button_group("Chosen one", ("Load",), hint=_LOAD_HINT)
         suffixes = ",".join(PROGRAM_SUFFIXES)
-        self._upload = gui.add_upload_button("Upload", icon=viser.Icon.UPLOAD, mime_type=suffixes)
-        LiveHtml(gui, muted(_UPLOAD_NOTE))
+        self._upload = gui.add_upload_button(
+            "Upload", icon=viser.Icon.UPLOAD, mime_type=suffixes, color="gray", hint=_UPLOAD_NOTE
+        )
+        export = gui.add_button_group("Download as", tuple(_WRITERS), hint=_EXPORT_HINT)
         session.on(save.on_click, self._on_save)
         session.on(export.on_click, lambda: self._download(export.value))
         session.needs(None, load, self._upload)
         session.on(load.on_click, self._on_load)
+        session.on_press("step-sample", SAMPLE, lambda _: self._on_sample())
         session.on(self._upload.on_upload, self._on_upload)
 
     def refresh(self) -> None:
@@ -109,6 +114,23 @@ class ProgramFiles:
         text = await asyncio.to_thread(write, await self._shared.linked(), robot)
         name = f"{self._shared.program.name}{suffix}"
         self._session.client.send_file_download(name, text.encode(), save_immediately=True)
+
+    async def _on_sample(self) -> None:
+        """Put the first sample that fits the arm on the empty list."""
+        self._session.require_operator()
+        refusal: ProgramError | None = None
+        for name in reversed(SAMPLES):
+            try:
+                sample = await asyncio.to_thread(sample_program, name, self._session.console.robot)
+            except ProgramError as cause:
+                refusal = refusal or cause
+                continue
+            self._session.require_operator()
+            if not self._shared.program.steps:  # else somebody was faster
+                self._shared.put(sample, kept=True)
+            return
+        if refusal is not None:
+            raise refusal
 
     async def _on_load(self) -> None:
         self._session.require_operator()
@@ -157,6 +179,7 @@ _LOOKING, _RUNNING, _READING = (ThreadPoolExecutor(2, f"armctl-{what}") for what
 
 None of them queues behind the others, or behind what any page solves or exports.
 """
+_RUN_HINT = "How often N is, and the step to begin with, are under More. Pause is in the bar."
 _FROM_HINT = "The first pass begins with the selected row."
 _STEP_HINT = "Run the selected step alone, then select the next."
 _CHECK_HINT = "Look for what would be refused, without moving the arm."
@@ -194,8 +217,14 @@ class _OutdatedError(StateError):
 class ProgramRun:
     """The buttons that run the program, and the verdict of the pre-flight."""
 
-    def __init__(self, session: Session, editor: ProgramEditor, verdict: LiveHtml) -> None:
-        """``verdict`` is where the findings are shown."""
+    def __init__(
+        self,
+        session: Session,
+        editor: ProgramEditor,
+        verdict: LiveHtml,
+        more: AbstractContextManager[object],
+    ) -> None:
+        """``verdict`` is where the findings are shown, ``more`` where what is needed now and then stands."""
         self._session, self._editor, self._verdict = session, editor, verdict
         self._shared = session.console.shared(SharedProgram)
         verdict.visible = False
@@ -205,13 +234,11 @@ class ProgramRun:
         """how many steps of a long check are done, and how many there are"""
         self._stepping: _Stepping | None = None
         gui = session.gui
-        with field_grid(gui):
+        with more, field_grid(gui):
             self._times = NumberField(gui, "Times N", 3)
             self._from_row = gui.add_checkbox("From selected step", initial_value=False, hint=_FROM_HINT)
-        self._run = gui.add_button_group("Run", ("Run once", "Run N times", "Loop"))
+        self._run = gui.add_button_group("Run", ("Run once", "Run N times", "Loop"), hint=_RUN_HINT)
         step = gui.add_button_group("One step", ("Step",), hint=_STEP_HINT)
-        self._hold = gui.add_button_group("While it runs", ("Pause",))
-        session.needs(Need.PAUSE, self._hold, told=False)
         check = gui.add_button_group("Before it runs", ("Check",), hint=_CHECK_HINT)
         session.needs(None, check, also=self._empty, told=False, anyone=True)
         session.needs(Need.HOLDING, self._run, step, also=self._empty)
@@ -220,13 +247,9 @@ class ProgramRun:
         session.on(self._run.on_click, self._on_run)
         session.on(step.on_click, self._step)
         session.on(check.on_click, self.check)
-        session.on(
-            self._hold.on_click, lambda: session.submit(Pause() if self._hold.value == "Pause" else Resume())
-        )
 
-    def refresh(self, snapshot: Snapshot) -> None:
+    def refresh(self) -> None:
         """Show how far a check is; a verdict goes with the program that it is about."""
-        self._hold.options = ("Resume",) if snapshot.state is State.PAUSED else ("Pause",)
         self._cancel.visible = self._progress is not None
         if self._progress is not None:
             done, steps = self._progress
@@ -328,7 +351,7 @@ class ProgramRun:
         finally:
             self._progress = None
         if program.content == self._shared.program.content:  # else a later check shows the newer one
-            self._verdict.show(verdict_html(findings, not_checked(robot)))
+            self._verdict.show(verdict_html(findings, not_checked(robot), at_rows=True))
             self._verdict.visible = True
         elif self._newest is None or _same(self._newest.program, program):
             self._verdict.visible = False

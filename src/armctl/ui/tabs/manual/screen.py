@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from armctl.facts import State
 from armctl.protocol import Snapshot
+from armctl.ui.next_line import Told
 from armctl.ui.session import Session
 from armctl.ui.tabs.manual.by_hand import ByHand
 from armctl.ui.tabs.manual.drawing import DrawingForm
@@ -10,14 +12,15 @@ from armctl.ui.tabs.manual.frames import FrameForm
 from armctl.ui.tabs.manual.jog import JogControl
 from armctl.ui.tabs.manual.joints import JointControl, LiveReadout
 from armctl.ui.tabs.manual.link_ring import LinkRing
+from armctl.ui.tabs.manual.program_ahead import ProgramAhead
 from armctl.ui.tabs.manual.program_editor import ProgramEditor, ProgramRecord
-from armctl.ui.tabs.manual.program_list import ProgramList
+from armctl.ui.tabs.manual.program_list import ProgramList, pass_words
 from armctl.ui.tabs.manual.program_pins import ProgramPins
 from armctl.ui.tabs.manual.program_run import ProgramFiles, ProgramRun
 from armctl.ui.tabs.manual.scene_menu import SceneMenu
 from armctl.ui.tabs.manual.shared_program import SharedProgram
 from armctl.ui.tabs.manual.signals import SignalPanel, kinds_of
-from armctl.ui.widgets.html import LiveHtml, muted, strong
+from armctl.ui.widgets.html import LiveHtml, fixed, muted, strong, with_minus
 
 # Serial motion: a list of recorded steps, edited and run once, several times or for ever.
 
@@ -39,27 +42,45 @@ class SerialMotion:
         self._pins = ProgramPins(session, self._editor)
         self._menu = SceneMenu(session, self._editor, self._pins)
         self._ring = LinkRing(session, self._pins.click)
-        self._with_pins = gui.add_checkbox("Show tool path", initial_value=True, hint=_PINS_HINT)
         verdict = LiveHtml(gui)
-        with gui.add_folder("Run"):
-            self._run = ProgramRun(session, self._editor, verdict)
-        with gui.add_folder("Record and edit"):
-            self._record = ProgramRecord(session, self._editor)
+        record, run = gui.add_folder("Record"), gui.add_folder("Run")
+        more = gui.add_folder("More", expand_by_default=False)
+        with record:
+            self._record = ProgramRecord(session, self._editor, more)
+        with run:
+            self._run = ProgramRun(session, self._editor, verdict, more)
+        with more:
+            self._with_pins = gui.add_checkbox("Show tool path", initial_value=True, hint=_PINS_HINT)
         with gui.add_folder("Files", expand_by_default=False):
             self._files = ProgramFiles(session, self._run.check)
-        self._session = session
+        self._session, self._ahead = session, session.console.shared(ProgramAhead)
+        session.next.running = self._runs
         session.on(self._answer.on_click, self._on_answer)
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Draw what has changed."""
         self._files.refresh()
-        self._run.refresh(snapshot)
+        self._run.refresh()
         self._record.refresh()
         self._show_kept()
         self._list.refresh(snapshot)
         self._menu.refresh(snapshot)
         self._ring.refresh(snapshot)
         self._pins.refresh(snapshot, shown=self._with_pins.value)
+
+    def _runs(self, snapshot: Snapshot) -> Told | None:
+        """What the line under the scene says while a program runs."""
+        at = snapshot.program
+        if at is None:
+            return None
+        step, now = at.running.steps[at.step], self._ahead.underway(snapshot)
+        words = f"{step.title[:1].upper()}{step.title[1:]} {with_minus(step.describe())}"
+        how = [pass_words(at), *([at.inside] if at.inside else []), at.running.name]
+        if snapshot.state is State.PAUSED:
+            how.insert(0, "paused")
+        elif now is not None and now.left:
+            how.insert(0, f"{fixed(now.left, 1)} s left")
+        return Told(f"Step {at.step + 1} of {at.steps}: {words.rstrip()}", " · ".join(how))
 
     def _show_kept(self) -> None:
         """Offer what a console left unsaved; say where the present program is not kept."""
