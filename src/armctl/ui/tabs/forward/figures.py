@@ -299,7 +299,7 @@ def results_html(
     else:
         for name, how in (("reference", REFERENCE), ("last position", LAST))[not edited :]:
             poses[f"→ {name}"] = resulting_pose(how, asked, present)
-    head = ["", *(f"{joint.title} °" for joint in robot.joints), "x mm", "y mm", "z mm"]
+    head = ["", *(joint.title for joint in robot.joints), "x mm", "y mm", "z mm"]
     rows = [
         [name, *(fixed(v, 1) for v in (*robot.shown(q).tolist(), *(1000 * robot.forward(q)[:3, 3]).tolist()))]
         for name, q in poses.items()

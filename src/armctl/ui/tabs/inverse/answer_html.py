@@ -211,8 +211,8 @@ def _card(found: RankedSolutions, way: Way, key: str, picture: str, *, chosen: b
             figures.append(f"load {fixed(cost.load, 0 if unit == '%' else 2)} {unit}")
         badges = "".join(f"<span class=armctl-badge>{one}</span>" for one in way.least)
         more = len(way.rows) - 1
-        turns = f"+{more} by whole turns" * bool(way.folded and more)
-        told = " · ".join(f"<span>{escape(figure)}</span>" for figure in figures)
+        turns = f"<span>+{more} by whole turns</span>" * bool(way.folded and more)
+        told = " ".join(f"<span>{escape(figure)}</span>" for figure in figures)
         body = f"<p>{told}</p><p>{badges}{turns}</p>"
         digits = 1 if len(way.q) <= _FEW_JOINTS or len(found.choices) == 1 else 0
         shown = (f"<span>{fixed(angle, digits)}°</span>" for angle in found.robot.shown(way.q).tolist())

@@ -60,7 +60,7 @@ class GraphView:
         self._curves: Curves | None = None
         self._graph = Graph(session, _PART, self._on_cursor, self._draw, scrolls=True)
         session.parts.add(gui, _PART)
-        self._note = LiveHtml(gui, muted("Nothing is shown yet: press Show."))
+        self._note = LiveHtml(gui)
         self._of = gui.add_dropdown("Graph of", OF)
         self._quantity = gui.add_dropdown("Quantity", tuple(QUANTITIES))
         self._limits = gui.add_dropdown("Limits", LIMITS, hint=_LIMITS_HINT)

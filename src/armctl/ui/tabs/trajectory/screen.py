@@ -70,7 +70,7 @@ class TrajectoryScreen:
         with gui.add_form(None) as entered:  # Enter in a field is Show
             self._form = MotionForm(session)
         with button_pairs(gui):
-            show = gui.add_button("Show", icon=viser.Icon.CHART_LINE)
+            self._show = gui.add_button("Show", icon=viser.Icon.CHART_LINE)
             self._run = gui.add_button("Run", icon=viser.Icon.PLAYER_PLAY)
             self._offer = session.needs(Need.HOLDING, self._run, also=self._not_run, told=False)
         self._told = LiveHtml(gui)
@@ -85,7 +85,7 @@ class TrajectoryScreen:
                 self._graphs = GraphView(session, self._preview)
         with tabs.add_tab("Error report"):
             self._report = ReportView(session, self._preview)
-        session.on(show.on_click, self._on_show)
+        session.on(self._show.on_click, self._on_show)
         session.on(entered.on_submit, self._on_show)
         session.on(self._freer.on_click, self._on_freer)
         session.on(self._run.on_click, self._on_run)
@@ -94,10 +94,13 @@ class TrajectoryScreen:
         """Tell when what is shown no longer belongs to the settings or to where the arm is."""
         study = self._form.is_study
         self._study.box.visible = study
-        self._motion_box.visible = self._run.visible = not study
+        self._run.visible = not study
+        self._motion_box.visible = not study and self._planned is not None  # nothing to look at before
         self._verdict.visible = not study and self._judged
         stale = self._out_of_date(snapshot)
         self._told.show(self._status(stale))
+        planned = self._planned is not None and not (study or stale)
+        self._show.color = "gray" if planned else None  # then Run is the thing to do
         freer = None if stale or self._planned is None else self._planned.freer
         self._freer.visible = freer is not None and not study
         if freer is not None:
