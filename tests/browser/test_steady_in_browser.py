@@ -26,6 +26,26 @@ def stays(target: Callable[[], Locator], act: Callable[[], object]) -> None:
     assert place(target()) == before
 
 
+_WATCH = """label => new Promise(done => {
+  const seen = new Set(), began = performance.now();
+  const look = () => {
+    for (const one of document.querySelectorAll("label[for]"))
+      if (one.offsetParent && one.textContent === label) seen.add(Math.round(one.getBoundingClientRect().y));
+    if (performance.now() - began < 2000) requestAnimationFrame(look);
+    else done(seen.size);
+  };
+  look();
+})"""
+"""in how many places a label was since it can be seen"""
+
+
+def test_what_a_tab_shows_stays_where_it_is_from_its_first_moment_on(page: Screen) -> None:
+    for tab, label in (("Manual", "Wrist roll °"), ("Forward", "Movement"), ("Simulation", "Download")):
+        page.page.evaluate(f"void (globalThis.armctlPlaces = ({_WATCH})({label!r}))")
+        page.open_tab(tab)
+        assert page.page.evaluate("globalThis.armctlPlaces") == 1, tab
+
+
 def test_nothing_moves_away_when_it_is_pressed_or_the_arm_moves(page: Screen, served: ServedArm) -> None:
     page.open_tab("Main", "Who operates")
     stays(lambda: page.tab("Who operates"), lambda: page.open_tab("Arm"))

@@ -203,7 +203,10 @@ class MainScreen:
         self._urdf.refresh(snapshot)
         if self._servos is not None:
             self._servos.refresh(snapshot)
-        self._line.options = tuple(one for one in _LINES if snapshot.state in _LINES[one])
+        gone = snapshot.state is State.FAULT and snapshot.board is None  # there is nothing to disconnect
+        self._line.options = tuple(
+            one for one in _LINES if snapshot.state in _LINES[one] and not (gone and one == "Disconnect")
+        )
         self._homing.visible = bool(snapshot.homing)
         self._tool.refresh(snapshot)
         self._offer_board_again()
