@@ -27,12 +27,14 @@ def stays(target: Callable[[], Locator], act: Callable[[], object]) -> None:
 
 
 _WATCH = """label => new Promise(done => {
-  const seen = new Set(), began = performance.now();
+  const seen = new Set();
+  let began = Infinity;
   const look = () => {
     for (const one of document.querySelectorAll("label[for]"))
       if (one.offsetParent && one.textContent === label) seen.add(Math.round(one.getBoundingClientRect().y));
-    if (performance.now() - began < 2000) requestAnimationFrame(look);
-    else done(seen.size);
+    if (seen.size) began = Math.min(began, performance.now());
+    if (performance.now() - began > 1500) done(seen.size);
+    else requestAnimationFrame(look);
   };
   look();
 })"""
