@@ -54,7 +54,9 @@ class FakePage:
             progress=None, control=Control(), commanded=True, source=Source.COMMANDED, limp=(), stops=0,
             program=None, stamp=0.0,
         )  # fmt: skip
-        last_known = SimpleNamespace(standing=lambda snapshot: snapshot.q_command)
+        last_known = SimpleNamespace(
+            standing=lambda snapshot: snapshot.q_command, drawn=lambda snapshot: snapshot.q_command
+        )
         self.console = SimpleNamespace(
             robot=robot,
             last_known=last_known,
