@@ -73,6 +73,7 @@ def test_verdicts_order_and_what_is_the_least_are_true(name: str, criterion: str
             else solve(robot, Target.of(point + shift), criterion, home)
         )
         assert found.choices
+        speeds = robot.speed_limits
         kinds = [bool(way.refused) for way in found.choices]
         assert kinds == sorted(kinds)
         possible = [way for way in found.choices if not way.refused]
@@ -80,7 +81,8 @@ def test_verdicts_order_and_what_is_the_least_are_true(name: str, criterion: str
         for way in found.choices:
             if way.row is not None:
                 assert way.refused == way_refused(robot, home, "cubic", way.q)
-            assert way.costs.travel_deg == pytest.approx(np.degrees(np.abs(way.q - home).sum()), abs=1e-6)
+            travel = np.degrees((np.abs(way.q - home) * speeds.max() / speeds).sum())
+            assert way.costs.travel_deg == pytest.approx(travel, abs=1e-6)
             assert way.costs.rotation_deg == pytest.approx(np.degrees(np.abs(way.q).sum()))
             travels = [one.costs.travel_deg for one in possible]
             least = not way.refused and way.costs.travel_deg <= min(travels) * (1 + 1e-6) < max(travels)

@@ -318,12 +318,8 @@ class ControlBar:
 
 def take_html(operator: str, *, asks: bool) -> str:
     """The button by which a page that watches takes control; once pressed it asks, and is pressed again."""
-    if not asks:
-        return button("take", "Take control")
-    said = f"Take it from {operator}?"
-    return button("take", "", title="Take control", kind="asks").replace(
-        "></button>", f" aria-description='{escape(said)} Click again'>{escape(said)} Click again</button>"
-    )
+    question = f"Take it from {operator}? Click again" if asks else ""
+    return button("take", "Take control", kind="asks" if asks else "", asks=question)
 
 
 def way_out(snapshot: Snapshot) -> str:

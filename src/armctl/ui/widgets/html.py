@@ -123,19 +123,21 @@ def button(
     title: str = "",
     kind: str = "",
     icon: str = "",
+    asks: str = "",
 ) -> str:
     """A button of a part of the page (``guard/parts.py``); with ``why`` it cannot be pressed, and says so.
 
-    Without a label its title is its name.
+    Without a label its title is its name. ``asks``: shown in place of the label, which stays its name.
     """
     said = f" aria-disabled='true' title='{escape(with_minus(why))}'" if why else ""
     if not why and title:
         said = f" title='{escape(title)}'"
-    name = "" if label else f" aria-label='{escape(title)}'"
+    name = f" aria-label='{escape(label or title)}'" if asks or not label else ""
+    name += f" aria-description='{escape(asks)}'" if asks else ""
     drawn = f"<svg viewBox='0 0 16 16' aria-hidden='true'><path d='{_ICONS[icon]}'/></svg>" if icon else ""
     key = f" data-key='{escape(key)}'" if key else ""
     more = f" data-do='{do}'{key}{name}{said}"
-    return f"<button type='button' class='{kind}'{more}>{drawn}{escape(label)}</button>"
+    return f"<button type='button' class='{kind}'{more}>{drawn}{escape(asks or label)}</button>"
 
 
 # Times as people read them.

@@ -232,7 +232,7 @@ class Costs(NamedTuple):
     time_s: float
     """from the present pose, all joints together by a cubic"""
     travel_deg: float
-    """from the present pose, of all joints"""
+    """from the present pose, of all joints, as ``least-travel`` counts it: a slow one counts for more"""
     load: float
     """of all joints against gravity, as ``least-torque`` counts it, in its unit; 0: no link has a mass"""
 
@@ -294,7 +294,7 @@ def costs(found: RankedSolutions, q: FloatArray) -> Costs:
 
     weighs = arm.energy.gravity.weighs
     load = float(_shown("least-torque", np.array(of("least-torque")), arm.energy)) if weighs else 0.0
-    travel = to_degrees(float(np.abs(q - start).sum()))
+    travel = to_degrees(of("least-travel") * float(arm.energy.speed_limits.max()))
     return Costs(to_degrees(of("least-rotation")), of("shortest-time"), travel, load)
 
 

@@ -160,7 +160,7 @@ def _in_one_line(angles: str) -> str:
 
 _WAYS_TOLD = (
     "Time: by a planned movement from where the arm stands. Travel: what its joints turn on the way, added "
-    "up. Load: what they bear there, all together."
+    "up; a slow joint's counts for more. Load: what they bear there, all together."
 )
 _FEW_JOINTS = 5
 """so many angles stand beside each other with a decimal on a narrow card"""
