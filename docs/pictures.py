@@ -356,9 +356,7 @@ class Film:
 def film(screen: Screen) -> Film:
     """Type a point, look at the ways to it, choose one, press Go: the arm follows."""
     screen.open_tab("Inverse")
-    screen.unfold("Criterion and movement", "Solve")
     screen.type_into("Duration s", str(_DURATION_S))
-    screen.press(screen.page.get_by_text("Criterion and movement", exact=True))
     film = Film(screen)
     film.shoot(800)
     for axis, value in zip("XYZ", POINT, strict=True):

@@ -78,7 +78,6 @@ def test_a_solution_is_selected_in_the_curve_or_the_list_and_gone_to(
     solved: Screen, served: ServedArm
 ) -> None:
     robot, page = served.robot, solved
-    page.unfold("Criterion and movement", "Solve")
     page.unfold("3520 solutions inside the limits", "Back to the least")
     for criterion, title in (
         ("least-rotation", "Energy (°): least-rotation"),
@@ -154,7 +153,6 @@ def test_what_is_not_solved_or_not_listed_moves_nothing_and_what_is_solved_is_by
     stands_at(page, served, served.robot.inverse([0.2, -0.196, 0.085]).best("least-rotation"))
 
     page.type_xyz("220", "-196", "85")
-    page.unfold("Criterion and movement", "Solve")
     page.choose("Least energy is", "published")
     page.wait_for_text(re.compile("tables of the Uzuner paper"))
     page.click("Solve")

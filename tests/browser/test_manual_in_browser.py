@@ -92,7 +92,7 @@ def test_sliders_move_the_arm_only_after_go_and_quick_steps_add_up_to_the_limit(
     page.choose("Step °", "10")
     click_in(page, "Elbow", "−")
     page.wait_for_notification(
-        re.compile(r"Elbow: -10° from -80\.00° leads to -90\.00°, the limit is -84\.36°")
+        re.compile(r"Elbow: −10° from −80\.00° leads to −90\.00°, the limit is −84\.36°")
     )
     page.choose("Step °", "0.1")
     click_in(page, "Elbow", "−")

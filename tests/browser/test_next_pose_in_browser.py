@@ -99,8 +99,9 @@ def test_it_outlives_a_reload_and_who_watches_sees_it_and_has_one_of_its_own(
     wait_for_next(page)
     drawn = ghost_tip_mm(page)
     theirs = "/theirs"
-    watcher.wait_until(lambda: ghost_tip_mm(watcher, theirs) is not None, "it is drawn for who watches")
-    assert ghost_tip_mm(watcher, theirs) == pytest.approx(drawn, abs=0.01)
+    watcher.wait_until(
+        lambda: ghost_tip_mm(watcher, theirs) == pytest.approx(drawn, abs=0.01), "it is drawn for who watches"
+    )
     assert written_mm(watcher) is None
     watcher.type_into("Base °", "-20")
     wait_for_next(watcher)

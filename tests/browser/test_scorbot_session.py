@@ -106,7 +106,7 @@ def joints_shown(page: Screen) -> list[float]:
     return [
         float(found[1])
         for joint in ROBOT.joints
-        if (found := re.search(rf"{joint.title}\s*(-?\d+\.\d+)°", text)) is not None
+        if (found := re.search(rf"{joint.title} °\s*(-?\d+\.\d+)", text)) is not None
     ]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -36,7 +37,10 @@ def test_another_tool_is_said_to_be_on_and_the_page_shows_its_tip(page: Screen, 
     page.wait_for_notification("Felt pen is on")
     page.wait_until(lambda: served.app.robots.console.robot.tool == "pen", "the page shows it")
     tip = 1000 * served.app.robots.console.robot.forward(served.now.q_command)[:3, 3]
-    page.wait_until(lambda: f"{tip[0]:.1f} mm" in page.page.inner_text("body"), "its tip is told")
+    page.wait_until(
+        lambda: re.search(rf"X mm\s+{tip[0]:.1f}\b", page.page.inner_text("[name=where]")) is not None,
+        "its tip is told",
+    )
     page.add_step("Program", "Tool")
     page.wait_until(lambda: served.steps == (ToolStep(tool="pen"),), "the step is on the list")
     served.put_steps(ToolStep(tool="jaws"), PointStep(x_mm=200, y_mm=0, z_mm=120), ToolStep(tool="pen"))

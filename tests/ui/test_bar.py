@@ -65,7 +65,7 @@ def test_a_kept_orientation_reads_the_same_all_along_a_line() -> None:
     home = robot.pose("home")
     line = plan_line(robot, home, robot.forward(home)[:3, 3] + [0.0, 0.08, 0.0], orientation="kept")
     told = {
-        re.search("Rx</th>.*?Pitch</th>", where_html(robot, q))
+        re.search("Rx <small>.*?Pitch <small>", where_html(robot, q))
         for q in line.sample(np.linspace(0, line.duration, 9)).q
     }
     assert len({one[0] for one in told if one}) == 1 and None not in told
@@ -101,7 +101,7 @@ def test_where_nobody_knows_the_pose_no_number_is_shown_for_it() -> None:
     looked = where_html(robot, q, robot.pose("home"), now=None, kind="looked")
     assert "looked at" in looked and "not known" not in looked
     assert looked.count("<td class='looked'>") == robot.n + 5 and looked.count("<td>") == 1
-    assert "<th data-unit='°'>Shoulder</th><td>110.0</td>" in where_html(robot, q)
+    assert "<th>Shoulder <small>°</small></th><td>110.0</td>" in where_html(robot, q)
 
 
 def test_take_control_asks_in_its_own_button_and_keeps_its_name() -> None:

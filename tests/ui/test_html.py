@@ -14,7 +14,16 @@ import armctl.ui.tabs
 from armctl.facts import Said
 from armctl.motion import Finding
 from armctl.motion.preflight import Unchecked
-from armctl.ui.widgets.html import first_error, fixed, limited, muted, refused, verdict_html, warned
+from armctl.ui.widgets.html import (
+    first_error,
+    fixed,
+    limited,
+    muted,
+    refused,
+    verdict_html,
+    warned,
+    with_minus,
+)
 
 
 def test_a_long_text_keeps_its_height_and_can_be_read_to_its_end() -> None:
@@ -87,3 +96,9 @@ def test_what_keeps_a_program_from_running_is_told_in_one_line() -> None:
     assert first_error([warning]) is None
     assert first_error([warning, far]) == "step 2: too far by 671.0 mm"
     assert first_error([warning, far, low]) == "step 2: too far by 671.0 mm (and 1 more, see the list)"
+
+
+def test_a_list_that_is_quoted_of_a_file_keeps_its_hyphens() -> None:
+    assert with_minus("limit_deg = [-102.8, 107.3]: -102.8 is too far") == (
+        "limit_deg = [-102.8, 107.3]: −102.8 is too far"
+    )

@@ -400,7 +400,7 @@ def where_html(
     for i, (name, unit, _) in enumerate(rows):
         cells = "".join(f"<td{style}>{figures[i]}</td>" for _, style, figures in columns)
         begins = " class='tool'" if i == robot.n else ""
-        html += f"<tr{begins}><th data-unit='{escape(unit)}'>{escape(name)}</th>{cells}</tr>"
+        html += f"<tr{begins}><th>{escape(name)} <small>{escape(unit)}</small></th>{cells}</tr>"
     return f"{html}</table>"
 
 

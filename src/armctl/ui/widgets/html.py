@@ -24,8 +24,8 @@ ERROR = "var(--armctl-error,#c92a2a)"
 """colour of what is refused or broken"""
 GOOD = "var(--armctl-good,#237032)"
 """colour of what is as it should be; these three can be read in both themes (``viser_console.css``)"""
-_MINUS = re.compile(r"(?<![\w.)-])-(?=\d)")
-"""a hyphen before a number that is no part of a word, a range or a date"""
+_MINUS = re.compile(r"(= *\[[^\]]*\])|(?<![\w.)-])-(?=\d)")
+"""a hyphen before a number that is no part of a word, a range or a date; or a list as in a file: kept"""
 
 
 def fixed(value: float, digits: int) -> str:
@@ -66,7 +66,7 @@ def folded(title: str, texts: Iterable[str]) -> str:
 
 def with_minus(text: str) -> str:
     """Words with real minus signs before their numbers, as ``fixed`` writes them."""
-    return _MINUS.sub("−", text)
+    return _MINUS.sub(lambda found: found[1] or "−", text)
 
 
 def sentence(said: str | Reason) -> str:

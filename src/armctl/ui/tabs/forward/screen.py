@@ -51,8 +51,6 @@ from armctl.ui.widgets.profile_choice import MOVEMENTS, ProfileChoice
 _SHOWN_NOTE = "Which pose the ghost and these numbers show."
 _SAME_RAD = 1e-6
 _MOVING = "The fields take the pose of the arm once it stands."
-_TO_HINT = "Goes to the angles in the fields."
-_BY_HINT = "Turns each joint by the angle in its field, from where it stands."
 
 
 class ForwardScreen:
@@ -72,8 +70,8 @@ class ForwardScreen:
             self._coupling = PoseCoupling(session, self._angles, self._on_coupled)
             self._fill_with = gui.add_button_group("Fill with", ("present pose", *self._robot.poses))
             self._movement = ProfileChoice(gui, session.on, MOVEMENTS)
-            absolute = gui.add_button(REFERENCE, icon=viser.Icon.PLAYER_PLAY, color="gray", hint=_TO_HINT)
-            relative = gui.add_button(LAST, icon=viser.Icon.PLAYER_PLAY, color="gray", hint=_BY_HINT)
+            absolute = gui.add_button(REFERENCE, icon=viser.Icon.PLAYER_PLAY, color="gray")
+            relative = gui.add_button(LAST, icon=viser.Icon.PLAYER_PLAY, color="gray")
             self._offers = {
                 how: session.needs(Need.HOLDING, button, also=partial(self._outside, how), told=False)
                 for how, button in ((REFERENCE, absolute), (LAST, relative))

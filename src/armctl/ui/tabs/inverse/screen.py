@@ -42,7 +42,6 @@ _JUDGED_BEFORE = "The arm has moved since: press Solve to judge the ways anew."
 _WAYS = "ways"
 _BY_ROW: str = "by its row number"
 _FEW_HINT = "The least by each criterion and of each branch. All solutions follow below."
-_FILL_HINT = "Fills the fields with where the tool is now."
 _MARK_COLOR = (214, 51, 108)
 _MOVED = 1e-4
 _DRAG_PAUSE_S = 0.1
@@ -67,7 +66,7 @@ class InverseScreen:
             self._form = TargetForm(session, OneAtATime(self._solve_dragged).run)
         with button_pairs(gui):  # all buttons stand above the answer: it moves none of them
             solve_fields = gui.add_button("Solve", icon=viser.Icon.TARGET)
-            fill = gui.add_button("present position", color="gray", hint=_FILL_HINT)
+            fill = gui.add_button("present position", color="gray")
             go_least = gui.add_button("Go by least energy", icon=viser.Icon.PLAYER_PLAY, color="gray")
             go_selected = gui.add_button("Go by the selected one", icon=viser.Icon.PLAYER_PLAY, color="gray")
             self._offers = (  # why is told in the line below
@@ -93,7 +92,7 @@ class InverseScreen:
         with self._of_branches:
             self._branches = BranchView(session, self._show_ghost)
         own_first = sorted(self._robot.energy.criteria, key=lambda one: one != self._robot.criterion)
-        with gui.add_folder("Criterion and movement", expand_by_default=False):
+        with gui.add_folder("Criterion and movement"):
             self._criterion = gui.add_dropdown("Least energy is", own_first)
             self._criterion_note = LiveHtml(gui, muted(CRITERION_TEXT[checked_criterion(own_first[0])]))
             self._movement = ProfileChoice(gui, session.on, MOVEMENTS)

@@ -76,9 +76,10 @@ class ProgramFiles:
         load = gui.add_button_group("Chosen one", ("Load",), hint=_LOAD_HINT)
         suffixes = ",".join(PROGRAM_SUFFIXES)
         self._upload = gui.add_upload_button(
-            "Upload", icon=viser.Icon.UPLOAD, mime_type=suffixes, color="gray", hint=_UPLOAD_NOTE
+            "Upload", icon=viser.Icon.UPLOAD, mime_type=suffixes, color="gray"
         )
         export = gui.add_button_group("Download as", tuple(_WRITERS), hint=_EXPORT_HINT)
+        LiveHtml(gui, muted(_UPLOAD_NOTE))
         session.on(save.on_click, self._on_save)
         session.on(export.on_click, lambda: self._download(export.value))
         session.needs(None, load, self._upload)
