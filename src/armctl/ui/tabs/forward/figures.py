@@ -316,6 +316,5 @@ def offers_html(why: Mapping[str, str | Reason | None]) -> str:
         return NO_REASON
     if len(told) == len(why) and len(set(told.values())) == 1:
         return why_html(escape(next(iter(told.values()))))
-    return why_html(
-        "".join(refused(f"{how.removeprefix('Go ').capitalize()}: {said}") for how, said in told.items())
-    )
+    lines = (f"{how.removeprefix('Go ').capitalize()}: {said}" for how, said in told.items())
+    return why_html("".join(f"<div>{escape(line)}</div>" for line in lines))
