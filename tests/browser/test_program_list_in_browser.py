@@ -407,7 +407,8 @@ def test_a_click_on_a_pin_in_the_scene_selects_its_step_and_makes_it_the_next_po
     page.pause(300)
     at = arrow_px(page, "/program/pin1", 0.0)
     over = page.page.locator("canvas[data-armctl-pressable]")
-    page.page.mouse.move(at[0] + 40, at[1] - 40)
+    other = arrow_px(page, "/program/pin0", 0.0)
+    page.page.mouse.move(*(2 * here - there for here, there in zip(at, other, strict=True)))  # beside neither
     expect(over).to_have_count(0)
     page.page.mouse.move(*at)
     expect(over).to_have_css("cursor", "pointer")

@@ -35,7 +35,8 @@ def choose(page: Screen, served: ServedArm, name: str) -> None:
 
 def wait_for_robot(page: Screen, robot: Robot) -> None:
     """The page is the robot's: its joints are listed, its title is in the list, its frames are drawn."""
-    title = re.compile(f"^{re.escape(robot.joints[-1].title)}$")
+    last = robot.joints[-1]
+    title = re.compile(f"^{re.escape(last.title)} ?{re.escape(last.unit.strip())}$")
     page.page.locator("[name=where] th").filter(has_text=title).wait_for()
     page.wait_until(lambda: page.value("Robot") == robot.title, "the list shows the robot")
     model = arm_model(robot)
