@@ -28,6 +28,12 @@ def push(page: Screen, axes: list[float], *buttons: int) -> None:
     )
 
 
+def wait_for_pad(page: Screen) -> None:
+    """The page has seen it, and looked once more: what is held before that has to be let go first."""
+    page.wait_for_text("Test pad")
+    page.pause(200)
+
+
 @pytest.fixture
 def pad(page: Screen, served: ServedArm) -> Screen:
     page.page.evaluate(f"() => {{ {PAD} }}")
@@ -61,7 +67,7 @@ def test_the_arm_follows_a_stick_while_the_button_is_held_and_only_then(
 
 def test_who_comes_back_with_the_button_held_has_to_let_go_first(pad: Screen, served: ServedArm) -> None:
     pad.click(SWITCH)
-    pad.wait_for_text("Test pad")
+    wait_for_pad(pad)
     at = served.tool_mm
     for leave, come_back in (
         ("document.hasFocus = () => false", "delete document.hasFocus"),
@@ -111,7 +117,7 @@ def test_its_buttons_stop_the_arm_and_move_the_gripper_and_a_limit_is_felt(
     pad: Screen, served: ServedArm
 ) -> None:
     pad.click(SWITCH)
-    pad.wait_for_text("Test pad")
+    wait_for_pad(pad)
     push(pad, [0, 0, 0, 0], 4, 1)
     pad.wait_until(lambda: served.now.gripper == 1.0, "the gripper opens")
     pad.choose("Sticks move", "Joints")
