@@ -90,6 +90,7 @@ def test_a_solution_is_selected_in_the_curve_or_the_list_and_gone_to(
     page.screenshot("inverse-curve")
     expect(plot.locator("svg path:not(.grid, .mark)")).to_have_count(2)  # of two branches
     expect(plot.locator("svg .mark")).to_have_count(2)  # the least, and the selected one
+    page.pause(300)  # the slider follows the graph
     least = page.number("On the curve °")
     box = plot.bounding_box()
     assert box is not None and box["width"] > 300
