@@ -70,6 +70,7 @@ class Person:
         self._act(3 + len(text) + 1)  # the click three times, which selects what is there; at last Enter
         self.screen.entry(label).click(click_count=3)
         self.screen.page.keyboard.type(text)
+        self.screen.pause()  # the page sends the first letter alone for 50 ms
         self.screen.page.keyboard.press("Enter")
         self.screen.pause()
 
