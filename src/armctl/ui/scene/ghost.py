@@ -19,7 +19,7 @@ from armctl.robot.parts import Color
 from armctl.robot.solids import Solid, grown, joined, tube
 from armctl.ui.scene.arm_model import ARM, ArmFigure, add_solid, arm_model
 
-_LOOKED_AT, _OPACITY = (217, 115, 13), 0.35
+LOOKED_AT, _OPACITY = (217, 115, 13), 0.35
 THICKER = 1.08
 """A ghost is this much thicker than the arm: where both are in one place, equal surfaces would flicker."""
 SAME_RAD = 1e-4
@@ -39,7 +39,7 @@ class Ghost:
         robot: Robot,
         snapshot: Callable[[], Snapshot | None] = lambda: None,
         name: str = "/looked_at",
-        color: Color = _LOOKED_AT,
+        color: Color = LOOKED_AT,
     ) -> None:
         """``snapshot``: of the arm; the ghost holds its jaws as the arm does when it is shown."""
         self._scene, self._robot, self._snapshot = scene, robot, snapshot

@@ -15,7 +15,7 @@ from armctl.motion.analysis import Derivative, Limit, analysis_csv, near_limits
 from armctl.motion.figure import FigureForm, TitledMotion, color_of, figure_file
 from armctl.protocol import Snapshot
 from armctl.ui.events import Newest
-from armctl.ui.scene.ghost import Lines, Preview, played, segments
+from armctl.ui.scene.ghost import LOOKED_AT, Lines, Preview, played, segments
 from armctl.ui.session import Session
 from armctl.ui.tabs.trajectory.plan import PlannedMotion
 from armctl.ui.widgets.graph import Bound, Curves, Graph, PlotLine, graph_html
@@ -42,7 +42,7 @@ _SPEEDS = 5, 400, 5
 """slowest, fastest, step"""
 _SPEED_HINT = "Of the ghost; the arm does not move."
 _PART = "graph"
-_PATH_POINTS, _PATH_COLOR = 400, (217, 115, 13)
+_PATH_POINTS = 400
 _PLAY, _PAUSE = ("Play", viser.Icon.PLAYER_PLAY), ("Pause", viser.Icon.PLAYER_PAUSE)
 
 
@@ -53,7 +53,7 @@ class GraphView:
         self._session, self._preview = session, preview
         self._shown: PlannedMotion | None = None
         self._a: PlannedMotion | None = None
-        self._path = Lines(session.client.scene, "/shown_path", _PATH_COLOR)
+        self._path = Lines(session.client.scene, "/shown_path", LOOKED_AT)
         self._newest = Newest()
         self._playing = False
         gui = session.gui
