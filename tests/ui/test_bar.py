@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import asyncio
 import re
+from collections.abc import Coroutine
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +17,7 @@ from armctl.facts import State
 from armctl.hardware.boards import board_type
 from armctl.motion import plan_line
 from armctl.robot import Robot, load_robot
-from armctl.ui.bar import take_html, warning_lines, way_out, where_html
+from armctl.ui.bar import AskingButton, take_html, warning_lines, way_out, where_html
 from armctl.ui.tabs.manual.joints import joint_steps, rounding_note, rounding_off_m
 
 SERVO_ARMS = ("uzuner", "abaas", "mico", "humanoid")
@@ -109,3 +112,30 @@ def test_take_control_asks_in_its_own_button_and_keeps_its_name() -> None:
     asked = take_html("A<da", asks=True)
     assert "class='asks'" in asked and "aria-label='Take control'" in asked
     assert "Take it from A&lt;da? Click again</button>" in asked and "<da" not in asked
+
+
+def test_a_button_that_asks_acts_when_pressed_again_and_forgets_its_question(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    async def over(_: float) -> None: ...
+
+    monkeypatch.setattr(asyncio, "sleep", over)
+    asyncio.run(_ask_and_forget())
+
+
+async def _ask_and_forget() -> None:
+    forgetting: list[Coroutine[Any, Any, None]] = []
+    drawn: list[bool] = []
+    asking = AskingButton(forgetting.append, lambda: drawn.append(asking.asked))
+    assert not asking.answered() and asking.asked
+    assert asking.answered() and not asking.asked
+    assert not asking.answered(said=False) and asking.asked
+    assert not asking.answered(said=False) and asking.asked, "the button did not ask yet"
+    assert not asking.answered(after_s=10.0) and asking.asked, "half of a double click"
+    *older, last = forgetting
+    for forget in older:
+        await forget
+        assert asking.asked, "pressed since"
+    await last
+    assert not asking.asked
+    assert drawn == [True, True, True, True, False]

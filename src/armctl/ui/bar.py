@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import asyncio
 import math
+from collections.abc import Callable, Coroutine
 from html import escape
+from typing import Any
 
 import numpy as np
 import viser
@@ -39,7 +41,8 @@ from armctl.ui.session import Session
 from armctl.ui.widgets.html import button, fixed, sentence, with_minus
 from armctl.ui.widgets.number_field import parse_number
 
-_RELEASE_SECONDS = _ASKED_S = 5.0
+_ASKED_S = 5.0
+"""how long a button that asks waits to be pressed again"""
 _DOUBLE_CLICK_S = 0.6
 _SPEED_HINT = "Slows down everything that moves; the path stays the same."
 _RELEASE_NOTE = "THE ARM DROPS. Software only: it replaces no emergency stop."
@@ -60,8 +63,8 @@ class ControlBar:
     def __init__(self, session: Session) -> None:
         self._session = session
         self._enabling = EnableControl(session)
-        self._asks_release = self._asks_take = False
-        self._released_at = self._paused_at = self._asked_take = -math.inf
+        self._releasing, self._taking = (AskingButton(session.spawn, self._draw) for _ in range(2))
+        self._paused_at = -math.inf
         self._speeds_said = 0
         """how often a speed was typed: the field shows what counts, also where it was refused"""
         self._operated: bool | None = None
@@ -117,6 +120,9 @@ class ControlBar:
                 _WHERE, where_html(session.arm, q, then, now=None if unknown else now, kind=kind)
             )
 
+    def _draw(self) -> None:
+        self.refresh(self._session.snapshot)
+
     # What it shows.
 
     def _bar(self, snapshot: Snapshot, cause: str, source: str) -> str:
@@ -131,7 +137,7 @@ class ControlBar:
         )
         fault = snapshot.state is State.FAULT and snapshot.board is not None and not snapshot.unreachable
         on = button("enable", "Enable", why=self._enabling.why_not(snapshot))
-        asks = self._asks_release
+        asks = self._releasing.asked
         off = button(
             "release",
             ("SINKS! Click again" if _sinks(snapshot) else "DROPS! Click again") if asks else "Release",
@@ -149,7 +155,7 @@ class ControlBar:
         others = len(snapshot.control.parties) - (snapshot.control.operator is not None)
         second = f"<span>{others} watching</span>" if others else "<span></span>"
         if not session.operates:
-            second = take_html(session.operator, asks=self._asks_take)
+            second = take_html(session.operator, asks=self._taking.asked)
         marks = f"<i hidden data-armctl-title='{escape(f'armctl – {robot.title}')}'></i>"
         if not session.operates:  # for the banner that is laid over the page
             marks += f"<i hidden data-armctl-watching='{escape(session.operator)}'></i>"
@@ -184,7 +190,7 @@ class ControlBar:
     def _alerts(self, snapshot: Snapshot, cause: str) -> str:
         """What has to be known now, the gravest first."""
         lines = warning_lines(snapshot)
-        if self._asks_release and _sinks(snapshot):
+        if self._releasing.asked and _sinks(snapshot):
             lines.insert(0, f"<p class='warn'>⚠ {_SUPPORT}</p>")
         if snapshot.state is State.FAULT and cause:
             lines.insert(0, f"<p class='bad'>⚠ {escape(sentence(cause))}</p>")
@@ -233,45 +239,15 @@ class ControlBar:
         await self._session.submit(SetSpeed(percent / 100))
 
     async def _on_release(self, key: str) -> None:
-        """The first click asks, a later one within a few seconds releases."""
+        """Asks first, since the arm drops; the second half of a double click is no answer."""
         self._session.require_operator()
-        now = asyncio.get_running_loop().time()
-        last, self._released_at = self._released_at, now
-        if now - last < _DOUBLE_CLICK_S:
-            return  # the second half of a double click, or a key that is held, is no answer
-        if key == "drop" and self._asks_release:
-            self._asks_release = False
+        if self._releasing.answered(said=key == "drop", after_s=_DOUBLE_CLICK_S):
             await self._session.submit(Release())
-            return
-        self._asks_release = True
-        self.refresh(self._session.snapshot)
-        self._session.spawn(self._forget_release(now))
-
-    async def _forget_release(self, asked_at: float) -> None:
-        """The question ends by itself, unless something was pressed since."""
-        await asyncio.sleep(_RELEASE_SECONDS)
-        if asked_at == self._released_at:
-            self._asks_release = False
-            self.refresh(self._session.snapshot)
 
     async def _on_take(self) -> None:
-        """Where somebody else operates, the first click asks, a second one within a few seconds takes."""
-        session = self._session
-        now = asyncio.get_running_loop().time()
-        if session.snapshot.control.operator is not None and not self._asks_take:
-            self._asks_take, self._asked_take = True, now
-            self.refresh(session.snapshot)
-            session.spawn(self._forget_take(now))
-            return
-        self._asks_take = False
-        await session.say(TakeControl())
-
-    async def _forget_take(self, asked_at: float) -> None:
-        """This question ends by itself, too."""
-        await asyncio.sleep(_ASKED_S)
-        if asked_at == self._asked_take and self._asks_take:
-            self._asks_take = False
-            self.refresh(self._session.snapshot)
+        """Asks first where somebody else operates."""
+        if self._session.snapshot.control.operator is None or self._taking.answered():
+            await self._session.say(TakeControl())
 
     def _tell_control(self) -> None:
         """Tell the page that it has control now, or has lost it."""
@@ -280,7 +256,7 @@ class ControlBar:
             return  # it has just come
         self._operated = session.operates
         if session.operates:
-            self._asks_take = False
+            self._taking.end()
         if operated is None or operated is session.operates:
             return
         if session.operates:
@@ -313,7 +289,46 @@ class ControlBar:
         if dark:
             scene, robot = session.client.scene, session.console.robot
             self._darkened = [add_floor(scene, robot, dark=True), *repaint(scene, robot, ARM, "dark")]
-        self.refresh(session.snapshot)
+        self._draw()
+
+
+class AskingButton:
+    """Of a button that asks before it does what it says; pressed again within a few seconds, it does it."""
+
+    def __init__(
+        self, spawn: Callable[[Coroutine[Any, Any, None]], object], draw: Callable[[], None]
+    ) -> None:
+        self._spawn, self._draw = spawn, draw
+        self.asked = False
+        self._pressed_at = -math.inf
+
+    def answered(self, *, said: bool = True, after_s: float = 0.0) -> bool:
+        """Whether this press is the answer; else it asks.
+
+        ``said``: that the button showed the question when it was pressed. A press sooner than ``after_s``
+        after the last one is neither: a double click, or a key that is held.
+        """
+        now = asyncio.get_running_loop().time()
+        last, self._pressed_at = self._pressed_at, now
+        answers = False
+        if now - last >= after_s:
+            answers = self.asked and said
+            self.asked = not answers
+        if self.asked:
+            self._draw()
+            self._spawn(self._forget(now))
+        return answers
+
+    def end(self) -> None:
+        """Ask no more."""
+        self.asked = False
+
+    async def _forget(self, pressed_at: float) -> None:
+        """The question ends by itself, unless the button was pressed since."""
+        await asyncio.sleep(_ASKED_S)
+        if self.asked and pressed_at == self._pressed_at:
+            self.asked = False
+            self._draw()
 
 
 def take_html(operator: str, *, asks: bool) -> str:
