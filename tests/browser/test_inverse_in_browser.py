@@ -80,8 +80,8 @@ def test_a_solution_is_selected_in_the_curve_or_the_list_and_gone_to(
     robot, page = served.robot, solved
     page.unfold("3520 solutions inside the limits", "Back to the least")
     for criterion, title in (
-        ("least-rotation", "Energy (°): least-rotation"),
-        ("least-travel", "Energy (s): least-travel"),
+        ("least-rotation", "Sum of joint angles (°) as Shoulder turns"),
+        ("least-travel", "Time that the joints turn (s) as Shoulder turns"),
     ):
         page.choose("Least energy is", criterion)
         page.wait_for_text(title)
@@ -109,6 +109,12 @@ def test_a_solution_is_selected_in_the_curve_or_the_list_and_gone_to(
     wait_for_ghost(page, robot, found.best)
     page.screenshot("inverse-solved")
     page.wait_for_text(re.compile("page 1 of 235"))
+    page.page.get_by_role("listbox", name="Solutions").get_by_role("option").nth(2).click()
+    page.wait_for_text(re.compile("selected row 3: will go"))
+    page.page.get_by_role("button", name="Shoulder °", exact=True).click()
+    page.wait_for_text(re.compile("3520 solutions, by Shoulder"))
+    page.page.get_by_role("button", name="#", exact=True).click()
+    page.click("Back to the least")
     for button, shown in (("Next", 2), ("Last", 235), ("Next", 235), ("First", 1)):
         page.click(button)
         page.wait_for_text(re.compile(f"page {shown} of 235"))

@@ -178,6 +178,13 @@ class FakePage:
         blocks = (one for container in containers for one in container._children.values())
         return "".join(one.content for one in blocks if isinstance(one, viser.GuiHtmlHandle))
 
+    @property
+    def shown_html(self) -> str:
+        """All blocks of HTML that are in view."""
+        containers = self.gui._container_handle_from_uuid.values()
+        blocks = (one for container in containers for one in container._children.values())
+        return "".join(one.content for one in blocks if isinstance(one, viser.GuiHtmlHandle) and one.visible)
+
     def field(self, label: str) -> Any:
         """The newest field of a label, such as one that nothing is called for."""
         containers = self.gui._container_handle_from_uuid.values()

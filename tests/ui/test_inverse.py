@@ -20,9 +20,10 @@ from armctl.robot import Robot, load_robot
 from armctl.ui.guard import GuardedServer
 from armctl.ui.next_pose import PoseWriter
 from armctl.ui.tabs.inverse.answer import RankedSolutions, answer, short_branch, solve
-from armctl.ui.tabs.inverse.answer_html import comparison_html, details_html, list_row, notice_html
+from armctl.ui.tabs.inverse.answer_html import comparison, details_html, list_row, notice_html
 from armctl.ui.tabs.inverse.branches import branches_html, same_place
 from armctl.ui.tabs.inverse.screen import InverseScreen
+from armctl.ui.tabs.inverse.solution_list import rows_table
 from armctl.ui.widgets.graph import Curves
 from armctl.ui.widgets.html import Pager
 
@@ -30,6 +31,12 @@ ROBOT, MICO = load_robot("uzuner"), load_robot("mico")
 HOME = ROBOT.pose("home")
 TARGETS = range(12) if os.environ.get("ARMCTL_LONG") else (6, 8, 9)
 """of twelve poses: none can be gone to, the least energy can, another one can instead"""
+
+
+def compared(found: RankedSolutions) -> str:
+    """The table of a few rows, and what is told below it, as HTML."""
+    text, heads, rows, words = comparison(found)
+    return rows_table("some", heads, rows, None, words) + text
 
 
 def solved(x: float, y: float, z: float, criterion: str = "least-rotation") -> RankedSolutions:
@@ -100,7 +107,7 @@ def test_a_few_rows_stand_for_all_and_what_they_save_is_true(criterion: str) -> 
         assert stall is not None and one.costs.load == pytest.approx(
             100 * np.linalg.norm(gravity.torque(q) / stall)
         )
-    said = re.findall(r"Row (\d+) saves (\d+) % ([\w ]+) against row 1\.", comparison_html(found))
+    said = re.findall(r"Row (\d+) saves (\d+) % ([\w ]+) against row 1\.", compared(found))
     of = {"rotation": "rotation_deg", "time": "time_s", "load": "load"}
     assert said
     for row, percent, what in said:
@@ -118,13 +125,13 @@ def test_a_few_rows_stand_for_all_and_what_they_save_is_true(criterion: str) -> 
 
 def test_where_the_arm_stands_saves_no_time_and_one_refused_row_is_enough_to_speak_of() -> None:
     found = solve(ROBOT, Target.of(ROBOT.forward(HOME)[:3, 3]), "least-rotation", HOME)
-    html = comparison_html(found)
+    html = compared(found)
     assert ">0.00<" in html and "saves 100 %" not in html and not found.ways.refuse_some
     robot = load_robot("ur5")
     home = robot.pose("home")
     T = robot.forward(home)
     found = solve(robot, Target.of(T[:3, 3], rotation=T[:3, :3]), "least-rotation", home)
-    assert not found.way_refused and ">refused<" in comparison_html(found) and found.ways.refuse_some
+    assert not found.way_refused and ">refused<" in compared(found) and found.ways.refuse_some
 
 
 def test_rows_that_the_arm_may_not_go_to_are_called_refused_and_recommended_never() -> None:
@@ -136,7 +143,7 @@ def test_rows_that_the_arm_may_not_go_to_are_called_refused_and_recommended_neve
         found = solve(robot, Target.of(T[:3, 3], rotation=T[:3, :3]), "least-rotation", home)
         rows, html, said = (
             found.representatives,
-            comparison_html(found),
+            compared(found),
             result_html(robot, found),
         )
         for one in rows:
@@ -229,8 +236,9 @@ def test_a_chosen_representative_and_a_place_on_the_curve_are_what_is_sent(serve
     InverseScreen(page.session)
     page.ask(220, -196, 85)
     page.press("Solve")
-    few = next(label for label in page.options("Select") if "time" in label)
-    page.put("Select", few)
+    few = next(one for one in solved(220, -196, 85).representatives if "time" in one.names)
+    assert f"data-key={few.row} " in page.parts["compared-solutions"]
+    page.act(lambda: page.parts.done("solution", str(few.row)))
     shown = page.next.q
     page.press("Go by the selected one")
     assert shown is not None and np.array_equal(page.shown_at_sending[-1], shown)
@@ -308,7 +316,7 @@ def test_torques_are_not_compared_where_no_mass_is_known() -> None:
     for robot, told in ((ROBOT, True), (bare, False)):
         found = solve(robot, point, "least-rotation", HOME)
         assert any("torque" in one.names for one in found.representatives) == told
-        html = comparison_html(found)
+        html = compared(found)
         assert ("load % of stall" in html) == ("Loads count links of 0.7 kg" in html) == told
         assert ("gives no masses of links" in html) != told
 
@@ -451,3 +459,35 @@ def test_page_buttons_and_rows(server: GuardedServer, row: int, button: str, lea
     assert pager.row is None
     pager.reset(3, None)
     assert rows() == ["1", "2", "3"]
+
+
+def test_a_row_of_the_list_is_selected_by_a_click_and_the_list_is_sorted_by_a_joint(
+    server: GuardedServer,
+) -> None:
+    page = FakePage(server, ROBOT, HOME)
+    InverseScreen(page.session)
+    page.ask(220, -196, 85)
+    page.press("Solve")
+    found = solved(220, -196, 85)
+    page.act(lambda: page.parts.done("solution", "7"))
+    assert page.next.q == pytest.approx(found.q(7)) and "selected row 7" in page.html
+    for key in ("0", "3521", "-1", "x"):  # no page of armctl's sends these
+        page.act(lambda key=key: page.parts.done("solution", key))
+    assert page.next.q == pytest.approx(found.q(7))
+
+    def listed() -> list[int]:
+        return [
+            int(row) for row in re.findall(r"<tr role=option[^>]* data-key=(\d+)", page.parts["solutions"])
+        ]
+
+    assert listed() == [*range(1, 16)]
+    page.act(lambda: page.parts.done("sort-solutions", "2"))
+    shoulder = found.q(np.arange(1, 3521))[:, 1]
+    assert np.all(np.diff(found.q(np.array(listed()))[:, 1]) >= 0)
+    assert found.q(listed()[0])[1] == shoulder.min() and "by Shoulder" in page.parts["solutions"]
+    page.press("Page", "Last")
+    assert found.q(listed()[-1])[1] == shoulder.max()
+    page.put("Row", "7")
+    assert 7 in listed() and page.next.q == pytest.approx(found.q(7))
+    page.act(lambda: page.parts.done("sort-solutions", "0"))
+    assert listed() == [*range(1, 16)]

@@ -122,18 +122,19 @@ def test_nothing_goes_by_itself_to_another_orientation_than_was_asked_for(server
 
 def test_inverse_asks_for_a_point_pitch_and_roll_or_the_whole(page: FakePage, robot: Robot) -> None:
     form = TargetForm(page.session, lambda: None)
-    assert form.target().rotation is None and form.target().pitch is None
-    page.put("Orientation", WHOLE)
-    present = robot.forward(robot.pose("home"))
+    present = robot.forward(robot.pose("home"))  # it begins with the whole, as the tool is turned now
     assert form.target().rotation == pytest.approx(present[:3, :3], abs=1e-12)  # prefilled
     page.put("Ry °", "12")
     assert roll_pitch_yaw(np.array(form.target().rotation))[1] == pytest.approx(np.radians(12))
     texts = form.texts
     page.put("Orientation", PITCH_AND_ROLL)
+    assert "As long as neither is ticked, the point alone counts" in page.shown_html
     page.put("Use pitch", True)
+    assert "As long as neither is ticked" not in page.shown_html
     asked = form.target()
     assert asked.rotation is None and asked.pitch is not None and asked.roll is None
     page.put("Orientation", ANY)
+    assert form.target().rotation is None
     assert form.target().pitch is None and form.texts != texts
     form.following.resume()
     form.following.follow(robot.pose("rest"))

@@ -22,6 +22,7 @@ from armctl.ui.guard import GuardedServer
 from armctl.ui.tabs.inverse.answer import RankedSolutions, solve
 from armctl.ui.tabs.inverse.answer_html import ways_html
 from armctl.ui.tabs.inverse.screen import InverseScreen
+from armctl.ui.tabs.inverse.target_form import ANY
 
 UR5, UZUNER = load_robot("ur5"), load_robot("uzuner")
 
@@ -173,7 +174,7 @@ def test_cards_say_the_reason_and_no_card_can_break_the_page() -> None:
     assert html.count("tabindex=0") == 1
     refused = [way for way in found.choices if way.refused]
     assert html.count("<em>") == len(refused) > 0
-    assert f": {8 - len(refused)} possible" in html
+    assert f", {8 - len(refused)} possible" in html
     assert "<i>" not in html and "title='<" not in html and "&lt;i&gt;" in html
     upright = replace(
         found, robot=replace(UR5, poses={**UR5.poses, "home": np.array([0, -np.pi / 2, 0, -np.pi / 2, 0, 0])})
@@ -186,6 +187,7 @@ def test_a_card_that_is_clicked_is_what_is_sent(server: GuardedServer) -> None:
     InverseScreen(page.session)
     point = UR5.forward(UR5.pose("home"))[:3, 3] * 1000
     point += np.array([-50.0, 0.0, -100.0])
+    page.put("Orientation", ANY)
     page.ask(*point.tolist())
     page.press("Solve")
     found = solve(UR5, Target.of(point / 1000), "least-travel", UR5.pose("home"))

@@ -123,9 +123,9 @@ class Ghost:
 class Preview:
     """The page's ghost for one screen: shown until the arm stands there or another screen takes it."""
 
-    def __init__(self, ghost: Ghost, words: str | None) -> None:
-        """``words``: the label of the screen's tab, written beside it; None: it belongs to no tab."""
-        self._ghost, self._words = ghost, words
+    def __init__(self, ghost: Ghost, words: str | None, label: str | None = None) -> None:
+        """``words``: the label of the screen's tab; None: it has none. ``label``: as in ``Ghost.show``."""
+        self._ghost, self._words, self._label = ghost, words, label
         self._q: FloatArray | None = None
         """(n,) what this screen has shown last [rad]; None: nothing"""
 
@@ -145,7 +145,7 @@ class Preview:
             self.hide()
         else:
             self._q = q.copy()
-            self._ghost.show(q, self, self._words)
+            self._ghost.show(q, self, self._words, self._label)
 
     def hide(self) -> None:
         """Show nothing, if it is this screen's ghost that is shown."""
@@ -162,7 +162,7 @@ class Preview:
         if np.abs(self._q - present).max() < SAME_RAD:
             self.hide()
         elif not (self.shown or self.taken) and self._words is not None and self._ghost.is_open(self._words):
-            self._ghost.show(self._q, self, self._words)
+            self._ghost.show(self._q, self, self._words, self._label)
 
 
 async def played(

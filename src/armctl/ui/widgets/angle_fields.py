@@ -14,7 +14,7 @@ from armctl.kinematics import quaternion_wxyz, roll_pitch_yaw, rotation_from_rpy
 from armctl.kinematics.target import rotation_from_quaternion
 from armctl.robot import Joint, Robot
 from armctl.ui.events import Action, On
-from armctl.ui.widgets.html import LiveHtml, fixed, muted
+from armctl.ui.widgets.html import fixed
 from armctl.ui.widgets.number_field import DEGREES, FieldArray, NumberField, NumbersField, TextEntry
 
 
@@ -67,13 +67,15 @@ class OrientationFields:
 
     def __init__(self, gui: viser.GuiApi, rotation: FloatArray, *, visible: bool = True) -> None:
         """Add them to the present container, filled with ``R_base_tool`` (3, 3)."""
-        turns = [NumberField(gui, label, None, hint=hint, visible=visible) for label, hint in _TURNS]
+        turns = [
+            NumberField(gui, label, None, hint=f"{hint} {CONVENTION}", visible=visible)
+            for label, hint in _TURNS
+        ]
         self._rpy = FieldArray(turns, DEGREES)
         self._quaternion = NumbersField(
             gui, "Quaternion", "wxyz", quaternion_wxyz(rotation), 1.0, _QUATERNION_HINT,
             digits=6, visible=visible,
         )  # fmt: skip
-        self._note = LiveHtml(gui, muted(CONVENTION), visible=visible)
         self._by_quaternion = False
         self.fields: tuple[TextEntry, ...] = (*turns, self._quaternion)
         self.fill(rotation)
@@ -113,7 +115,6 @@ class OrientationFields:
         """Show or hide all of it."""
         for field in self.fields:
             field.visible = visible
-        self._note.visible = visible
 
     def _follow(self) -> None:
         try:

@@ -8,7 +8,9 @@ from collections.abc import Callable, Iterable, Sequence
 from datetime import datetime
 from html import escape
 
+import numpy as np
 import viser
+from numpy.typing import NDArray
 
 from armctl.facts import Reason
 from armctl.facts.words import opening
@@ -140,6 +142,12 @@ def button(
     return f"<button type='button' class='{kind}'{more}>{drawn}{escape(asks or label)}</button>"
 
 
+def hint(text: str) -> str:
+    """A ? in a part of the page that tells more under the mouse, or once it is pressed."""
+    told = escape(with_minus(text))
+    return f"<button type='button' class='hint' aria-disabled='true' title='{told}' data-do='hint'>?</button>"
+
+
 # Times as people read them.
 
 
@@ -224,6 +232,7 @@ class Pager:
     def __init__(self, gui: viser.GuiApi, on: On, changed: Callable[[], None]) -> None:
         self._changed = changed
         self._rows = self._page = 0
+        self._order: NDArray[np.int64] | None = None
         self.row: int | None = None
         """selected, from 1; None: none"""
         self._buttons = gui.add_button_group("Page", ("First", "Prev", "Next", "Last"), visible=False)
@@ -234,7 +243,7 @@ class Pager:
 
     def reset(self, rows: int, row: int | None) -> None:
         """Page through another list of ``rows`` rows, with ``row`` (from 1) selected and in view."""
-        self._rows, self.row, self._page = rows, row, 0
+        self._rows, self.row, self._page, self._order = rows, row, 0, None
         self._field.visible, self._buttons.visible = rows > 0, rows > PAGE_ROWS
         if row is not None:
             self.select(row)
@@ -242,17 +251,37 @@ class Pager:
     def select(self, row: int) -> None:
         """Select a row (from 1) and turn to its page."""
         self._field.value, self.row = str(row), row
-        self._page = (row - 1) // PAGE_ROWS
+        self._turn_to(row)
+
+    def arrange(self, order: NDArray[np.int64] | None) -> None:
+        """Show the rows in this order, (k,) from 1, from the first page on; None: as they are numbered."""
+        self._order, self._page = order, 0
+
+    @property
+    def page(self) -> int:
+        """The page in view, from 1."""
+        return self._page + 1
+
+    @property
+    def pages(self) -> int:
+        """How many there are."""
+        return self._last + 1
+
+    @property
+    def in_view(self) -> list[int]:
+        """The rows of the page in view, from 1."""
+        first = self._page * PAGE_ROWS
+        places = range(first, min(first + PAGE_ROWS, self._rows))
+        return [place + 1 for place in places] if self._order is None else self._order[places].tolist()
 
     def html(
         self, about: str, head: Sequence[str], row: Callable[[int], list[str]], words: Sequence[int] = ()
     ) -> str:
         """The page as a table, above it what the list is ``about``; ``row``: the cells of a row, from 1."""
-        first = self._page * PAGE_ROWS + 1
-        rows = [row(number) for number in range(first, min(first + PAGE_ROWS, self._rows + 1))]
-        marked = None if self.row is None else self.row - first
-        where = muted(f"page {self._page + 1} of {self._last + 1} · {about}")
-        return where + table(head, rows, marked=marked, words=words, small=True)
+        shown = self.in_view
+        marked = shown.index(self.row) if self.row in shown else None
+        where = muted(f"page {self.page} of {self.pages} · {about}")
+        return where + table(head, [row(one) for one in shown], marked=marked, words=words, small=True)
 
     @property
     def _last(self) -> int:
@@ -269,8 +298,12 @@ class Pager:
         row = int(typed) if typed.isascii() and typed.isdecimal() and len(typed) < _MOST_DIGITS else 0
         self.row = row if 1 <= row <= self._rows else None
         if self.row is not None:
-            self._page = (self.row - 1) // PAGE_ROWS
+            self._turn_to(self.row)
         self._changed()
+
+    def _turn_to(self, row: int) -> None:
+        place = row - 1 if self._order is None else int(np.flatnonzero(self._order == row)[0])
+        self._page = place // PAGE_ROWS
 
 
 # What the pre-flight found, as a list: when, where, what, and how to mend it.

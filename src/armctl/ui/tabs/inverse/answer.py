@@ -435,7 +435,7 @@ def _energy_curve(robot: Robot, found: RankedSolutions) -> Curves | str:
             lines.append(PlotLine(short_branch(name), energy[kept], color_of(i)))
     if not lines:
         return "The criterion excludes every solution."
-    least = () if found.best is None else (on_curve(found, "least energy", found.best, "#e03131"),)
+    least = () if found.best is None else (on_curve(found, "least energy", found.best, "currentColor"),)
     return Curves(angles[kept], tuple(lines), marks=least, unit="°")
 
 

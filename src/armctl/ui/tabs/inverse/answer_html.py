@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from html import escape
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from armctl.ui.tabs.inverse.answer import (
     short_branch,
     unit_of,
 )
-from armctl.ui.widgets.html import fixed, muted, numbers, refused, sentence, strong, table, warned
+from armctl.ui.widgets.html import fixed, hint, muted, numbers, refused, sentence, strong, warned
 
 
 def notice_html(robot: Robot, found: RankedSolutions) -> str:
@@ -76,24 +77,38 @@ def way_html(why: str) -> str:
     return warned(f"The way there is refused: {why}.") if why else ""
 
 
-def comparison_html(found: RankedSolutions) -> str:
+class SideBySide(NamedTuple):
+    """Rows that stand for all, side by side."""
+
+    text: str
+    """HTML: what others save against the first, and what loads count"""
+    heads: list[str]
+    rows: list[tuple[int, list[str]]]
+    """each with its number in the list, the chosen one first; none where there is nothing to compare"""
+    words: tuple[int, ...]
+    """the columns that are text"""
+
+
+def comparison(found: RankedSolutions) -> SideBySide:
     """The representatives side by side, and what others save against the first."""
-    rows, model = found.representatives, found.solutions.arm.energy
-    if len(rows) < 2:
-        return ""
+    few, model = found.representatives, found.solutions.arm.energy
+    if len(few) < 2:
+        return SideBySide("", [], [], ())
     digits = 3 if model.stall_torque is None else 1  # N·m, or percents
-    heads = ["", "row", "Σ|θ| °", "time s", f"load {unit_of('least-torque', model)}", "verdict"]
-    figures = [
-        [f"least {', '.join(one.names)}", str(one.row), fixed(one.costs.rotation_deg, 1),
+    load = f"load {unit_of('least-torque', model)}"
+    heads = ["least", "row", "sum of angles °", "time s", load, "verdict"]
+    rows = [
+        [f"{', '.join(one.names)}", str(one.row), fixed(one.costs.rotation_deg, 1),
          fixed(one.costs.time_s, 2), fixed(one.costs.load, digits), "refused" if one.refused else "possible"]
-        for one in rows
+        for one in few
     ]  # fmt: skip
     counts = f"Loads count {model.gravity.counted}."
     if not model.gravity.weighs:
-        heads, figures = [*heads[:-2], heads[-1]], [[*row[:-2], row[-1]] for row in figures]
+        heads, rows = [*heads[:-2], heads[-1]], [[*row[:-2], row[-1]] for row in rows]
         counts = "There are no loads: the file of the arm gives no masses of links."
-    html = table(heads, figures, marked=0, words=(0, len(heads) - 1), small=True) + muted(counts)
-    return html + "".join(muted(saving) for saving in _savings(rows))
+    text = "".join(f"<p>{escape(one)}</p>" for one in (*_savings(few), counts))
+    numbered = [(one.row, cells) for one, cells in zip(few, rows, strict=True)]
+    return SideBySide(text, heads, numbered, (0, len(heads) - 1))
 
 
 def _savings(rows: Sequence[Representative]) -> list[str]:
@@ -159,9 +174,10 @@ def _in_one_line(angles: str) -> str:
 
 
 _WAYS_TOLD = (
-    "Time: by a planned movement from where the arm stands. Travel: what its joints turn on the way, added "
+    "Time: by a planned movement from where the arm stands. Turns: what its joints turn on the way, added "
     "up; a slow joint's counts for more. Load: what they bear there, all together."
 )
+_BEST_TOLD = "{0} may have many angles here: a card is the best of them, the curve shows the others."
 _FEW_JOINTS = 5
 """so many angles stand beside each other with a decimal on a narrow card"""
 _PICTURE, _DRAWN = 44, 36
@@ -184,11 +200,10 @@ def ways_html(found: RankedSolutions, row: int | None, answer: int) -> str:
     many = "1 way" if len(ways) == 1 else f"{len(ways)} ways"
     if len(ways) == MOST_WAYS:
         many = f"The {len(ways)} ways of least energy"
+    may = "" if possible == len(ways) else f", {possible} possible" if len(ways) > 1 else ", refused"
     free = found.solutions.free_joint
-    each = "each " * (len(ways) > 1)
-    about = "" if free is None else f", {each}the best as {found.robot.joints[free].title} turns"
-    may = "" if possible == len(ways) else f": {possible} possible" if len(ways) > 1 else ": refused"
-    head = f"<span title='{_WAYS_TOLD}'><b>{many}</b>{may}{escape(about)}</span>"
+    about = "" if free is None else f" {_BEST_TOLD.format(found.robot.joints[free].title)}"
+    head = f"<b>{many}</b>{may}{hint(_WAYS_TOLD + about)}"
     chosen = next((i for i, way in enumerate(ways) if row is not None and row in way.rows), None)
     pictures = _thumbnails(found.robot, np.array([way.q for way in ways]))
     cards = "".join(
@@ -196,7 +211,8 @@ def ways_html(found: RankedSolutions, row: int | None, answer: int) -> str:
         for i, (way, picture) in enumerate(zip(ways, pictures, strict=True))
     )
     name = "Ways to the target"
-    return f"<div>{head}</div><div class=armctl-cards role=listbox aria-label='{name}'>{cards}</div>"
+    listed = f"<div class=armctl-cards role=listbox aria-label='{name}'>{cards}</div>"
+    return f"<div class=armctl-count>{head}</div>{listed}"
 
 
 def _card(found: RankedSolutions, way: Way, key: str, picture: str, *, chosen: bool, first: bool) -> str:
@@ -205,7 +221,7 @@ def _card(found: RankedSolutions, way: Way, key: str, picture: str, *, chosen: b
         body, angles = f"<em>{escape(way.refused)}</em>", ""
     else:
         cost = way.costs
-        figures = [f"{fixed(cost.time_s, 2)} s", f"{fixed(cost.travel_deg, 0)}° travel"]
+        figures = [f"{fixed(cost.time_s, 2)} s", f"turns {fixed(cost.travel_deg, 0)}°"]
         if cost.load:
             unit = unit_of("least-torque", found.solutions.arm.energy).removesuffix(" of stall")
             figures.append(f"load {fixed(cost.load, 0 if unit == '%' else 2)} {unit}")

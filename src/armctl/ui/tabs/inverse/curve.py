@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
+from armctl.kinematics import Criterion
 from armctl.ui.session import Session
 from armctl.ui.tabs.inverse.answer import RankedSolutions, on_curve
 from armctl.ui.widgets.graph import Graph, graph_html
@@ -12,9 +13,19 @@ from armctl.ui.widgets.html import LiveHtml, muted
 
 _PART = "curve"
 _ALONG = "On the curve °"
-_ALONG_HINT = "The free joint: move along the curve, and the nearest solution is selected."
+_ALONG_HINT = (
+    "The free joint: move along the curve, and the nearest solution is selected. "
+    "Clicks and drags in the graph do so, too; then the wheel zooms there."
+)
 _SELECTED_INK = "#0c8599"
-_NOTE = "Every solution as {} turns. Click or drag in the graph to select; then the wheel zooms."
+_HEIGHT: dict[Criterion, str] = {
+    "least-rotation": "Sum of joint angles",
+    "published": "Sum of joint angles, as published",
+    "least-travel": "Time that the joints turn",
+    "shortest-time": "Time of the way",
+    "least-torque": "Load",
+}
+"""what is drawn, in words"""
 
 
 class EnergyCurveView:
@@ -54,8 +65,7 @@ class EnergyCurveView:
         self._along.min, self._along.max = min(low, self._along.min), max(high, self._along.max)
         self._along.value = low
         self._along.min, self._along.max = low, high
-        free = self._robot.joints[found.solutions.free_joint or 0].title
-        self._note.show(muted(_NOTE.format(free)))
+        self._note.show("")
         self.mark(row)
 
     def mark(self, row: int | None) -> None:
@@ -90,5 +100,6 @@ class EnergyCurveView:
             self._along.value = min(max(round(selected.x, 2), self._along.min), self._along.max)
             self._graph.share = (selected.x - curve.x[0]) / (curve.x[-1] - curve.x[0])
             curve = replace(curve, marks=(selected, *curve.marks))  # the least is seen where it is both
-        html = graph_html(self._graph, curve, f"Energy ({found.unit}): {found.criterion}")
+        free = self._robot.joints[found.solutions.free_joint or 0].title
+        html = graph_html(self._graph, curve, f"{_HEIGHT[found.criterion]} ({found.unit}) as {free} turns")
         self._session.parts.show(_PART, html)

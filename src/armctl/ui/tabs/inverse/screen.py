@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-from functools import partial
 from html import escape
 
 import numpy as np
@@ -20,19 +19,12 @@ from armctl.ui.offers import NO_REASON, why_html
 from armctl.ui.scene.ghost import Preview
 from armctl.ui.session import Session
 from armctl.ui.tabs.inverse.answer import RankedSolutions, Way, answer, counted, solve
-from armctl.ui.tabs.inverse.answer_html import (
-    comparison_html,
-    details_html,
-    list_head,
-    list_row,
-    notice_html,
-    selected_html,
-    ways_html,
-)
+from armctl.ui.tabs.inverse.answer_html import details_html, notice_html, ways_html
 from armctl.ui.tabs.inverse.branches import TAB, BranchView
 from armctl.ui.tabs.inverse.curve import EnergyCurveView
+from armctl.ui.tabs.inverse.solution_list import SolutionList
 from armctl.ui.tabs.inverse.target_form import TargetForm
-from armctl.ui.widgets.html import LiveHtml, Pager, fixed, muted, refused, sentence, warned
+from armctl.ui.widgets.html import LiveHtml, fixed, muted, refused, sentence, warned
 from armctl.ui.widgets.number_field import button_pairs, field_grid
 from armctl.ui.widgets.profile_choice import MOVEMENTS, ProfileChoice
 
@@ -40,8 +32,6 @@ _CHANGED = "The fields have changed: press Solve. Go by least energy solves them
 _MOVED_SINCE = "The arm has moved since: Go by least energy solves anew first."
 _JUDGED_BEFORE = "The arm has moved since: press Solve to judge the ways anew."
 _WAYS = "ways"
-_BY_ROW: str = "by its row number"
-_FEW_HINT = "The least by each criterion and of each branch. All solutions follow below."
 _MARK_COLOR = (214, 51, 108)
 _MOVED = 1e-4
 _DRAG_PAUSE_S = 0.1
@@ -53,7 +43,7 @@ class InverseScreen:
     def __init__(self, session: Session) -> None:
         self._session, self._robot = session, session.console.robot
         self._writer = PoseWriter(session, "way in Inverse", self._how, settled=self._settled)
-        self._looked_at = Preview(session.ghost, TAB)
+        self._looked_at = Preview(session.ghost, TAB, "target")
         scene = session.client.scene
         self._mark = scene.add_icosphere("/inverse_mark", 0.006, color=_MARK_COLOR, visible=False)
         self._answer: RankedSolutions | None = None
@@ -80,28 +70,24 @@ class InverseScreen:
         self._curve = EnergyCurveView(session, self._select)
         self._all = gui.add_folder("Solutions", expand_by_default=False, visible=False)
         with self._all:
-            self._details = LiveHtml(gui)
             self._curve.add_slider()
-            self._compared = LiveHtml(gui, visible=False)
-            self._few = gui.add_dropdown("Select", (_BY_ROW,), visible=False, hint=_FEW_HINT)
-            self._selected = LiveHtml(gui, visible=False)
-            self._list = LiveHtml(gui)
-            self._pager = Pager(gui, session.on, self._on_row)
+            self._list = SolutionList(session, self._on_row)
+            self._pager = self._list.pager
             self._form.watch.watch(self._pager.attach_row_edit)
+            self._details = LiveHtml(gui)
         self._of_branches = gui.add_folder("Branches", expand_by_default=False, visible=False)
         with self._of_branches:
             self._branches = BranchView(session, self._show_ghost)
         own_first = sorted(self._robot.energy.criteria, key=lambda one: one != self._robot.criterion)
         with gui.add_folder("Criterion and movement"):
             self._criterion = gui.add_dropdown("Least energy is", own_first)
-            self._criterion_note = LiveHtml(gui, muted(CRITERION_TEXT[checked_criterion(own_first[0])]))
             self._movement = ProfileChoice(gui, session.on, MOVEMENTS)
+            self._criterion_note = LiveHtml(gui, muted(_criterion_text(own_first[0])))
         session.on(fill.on_click, self._on_fill)
         session.on(solve_fields.on_click, self._on_solve)
         session.on(entered.on_submit, self._on_solve)
         session.on_part("way", self._on_way)
         session.on_part("look-way", self._on_look)
-        session.on(self._few.on_update, self._on_few)
         session.on(self._nearest.on_click, self._on_nearest)
         session.on(self._criterion.on_update, self._on_criterion)
         session.on(self._movement.choice.on_update, self._choose_again)
@@ -179,7 +165,7 @@ class InverseScreen:
             await self._update()
 
     async def _on_criterion(self) -> None:
-        self._criterion_note.show(muted(CRITERION_TEXT[checked_criterion(self._criterion.value)]))
+        self._criterion_note.show(muted(_criterion_text(self._criterion.value)))
         await self._choose_again()
 
     async def _choose_again(self) -> None:
@@ -281,12 +267,6 @@ class InverseScreen:
         self._pager.select(row)
         self._on_row()
 
-    def _on_few(self) -> None:
-        found = self._answer
-        for one in () if found is None else found.representatives:
-            if one.label == self._few.value:
-                self._select(one.row)
-
     def _way(self, key: str) -> Way | None:
         """The way of the present answer with this key; a click on one before it comes too late."""
         ways = () if self._answer is None or not self._answered else self._answer.choices
@@ -313,7 +293,7 @@ class InverseScreen:
         self._nearest.visible = self._mark.visible = False
         self._all.visible = self._of_branches.visible = False
         self._tell(refused(f"{refusal}."))
-        self._pager.reset(0, None)
+        self._list.reset(None)
         self._curve.forget()
         self._branches.forget()
         self._session.parts.show(_WAYS, "")
@@ -329,7 +309,7 @@ class InverseScreen:
         self._all.label = f"{counted(len(solutions))} inside the limits"
         self._details.show(details_html(self._robot, found))
         self._nearest.visible = solutions.nearest_away_m > 0.0
-        self._pager.reset(len(solutions), (found.instead or 1) if solutions.success else None)
+        self._list.reset(found)
         self._draw_list(found)
         self._of_branches.visible = solutions.success or bool(found.verdicts)
         self._branches.show(found)
@@ -370,29 +350,11 @@ class InverseScreen:
             self._writer.show(found.q(row))
 
     def _draw_list(self, found: RankedSolutions) -> None:
-        count, row = len(found.solutions), self._pager.row
+        """The cards and the list; whether the arm may go to the selected row is told once it is known."""
+        row = self._pager.row
         self._session.parts.show(_WAYS, ways_html(found, row, self._number))
-        self._compared.visible = self._few.visible = len(found.representatives) > 1
-        self._selected.visible = count > 0
-        if count == 0:
-            return
-        self._compared.show(comparison_html(found))
-        labels = {one.row: one.label for one in found.representatives}
-        self._few.options = (_BY_ROW, *labels.values())
-        self._few.value = labels.get(row or 0, _BY_ROW)
-        about = f"{counted(count)}, least energy first"
-        head = list_head(found)
-        words = (head.index("branch"),)
-        self._list.show(self._pager.html(about, head, partial(list_row, found), words))
-        self._draw_selected()
-
-    def _draw_selected(self) -> None:
-        """Where the selected row goes; whether it may is told as soon as it is known."""
-        found, row = self._answer, self._pager.row
-        if found is None:
-            return
-        self._selected.show(selected_html(found, row))
-        if row is not None and found.ways.known(found.q(row)) is None:
+        self._list.draw()
+        if row is not None and found.solutions.success and found.ways.known(found.q(row)) is None:
             self._session.spawn(self._judging.run())
 
     async def _judge_selected(self) -> None:
@@ -402,7 +364,7 @@ class InverseScreen:
             return
         await asyncio.to_thread(found.ways.refused, found.q(row))
         if found is self._answer and row == self._pager.row:
-            self._draw_selected()
+            self._list.draw()
 
     def _on_row(self) -> None:
         found, row = self._answer, self._pager.row
@@ -412,6 +374,10 @@ class InverseScreen:
         self._curve.mark(row)
         if row is not None and found.solutions.success:
             self._writer.show(found.q(row))
+
+
+def _criterion_text(criterion: str) -> str:
+    return f"Least energy is the {CRITERION_TEXT[checked_criterion(criterion)]}."
 
 
 def _why_none(found: RankedSolutions) -> Told:

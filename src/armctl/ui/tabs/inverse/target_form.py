@@ -13,11 +13,13 @@ from armctl.kinematics import Target
 from armctl.ui.events import Action
 from armctl.ui.session import Session
 from armctl.ui.widgets.angle_fields import OrientationFields
+from armctl.ui.widgets.html import LiveHtml, muted
 from armctl.ui.widgets.number_field import DraggedPoint, EditWatch, Following, NumberField
 
 _PITCH_HINT = "Angle of the tool's axis above the horizontal: 0 level, −90 straight down."
 _ROLL_HINT = "Angle of the tool about its own axis."
 _SHOW_HINT = "A target in the 3D view; drag its arrows to fill X, Y, Z. The arm does not move."
+_NEITHER = "Tick pitch, roll or both. As long as neither is ticked, the point alone counts."
 ANY, PITCH_AND_ROLL, WHOLE = "any: position only", "tool pitch and roll", "whole orientation"
 
 
@@ -34,8 +36,9 @@ class TargetForm:
         session.other_arrows.append(self.point.target)
         self._kind = self._orientation = None
         if self._robot.orients_tool:
-            self._kind = gui.add_dropdown("Orientation", (ANY, PITCH_AND_ROLL, WHOLE), initial_value=ANY)
-            self._orientation = OrientationFields(gui, pose[:3, :3], visible=False)
+            begins = WHOLE if self._robot.criterion == "least-travel" else ANY  # as the paper that it is from
+            self._kind = gui.add_dropdown("Orientation", (ANY, PITCH_AND_ROLL, WHOLE), initial_value=begins)
+            self._orientation = OrientationFields(gui, pose[:3, :3], visible=begins == WHOLE)
         self._turns: list[tuple[viser.GuiCheckboxHandle, NumberField, bool]] = []
         for name, hint, angle in zip(("pitch", "roll"), (_PITCH_HINT, _ROLL_HINT), angles, strict=True):
             has = angle is not None
@@ -43,6 +46,7 @@ class TargetForm:
             degrees = None if angle is None else to_degrees(angle)
             field = NumberField(gui, f"{name.capitalize()} °", degrees, hint=hint, visible=False)
             self._turns.append((use, field, has))
+        self._neither = LiveHtml(gui, muted(_NEITHER), visible=False)
         self._show = gui.add_checkbox("Show target", initial_value=False, hint=_SHOW_HINT)
         xyz = self.point.xyz.fields
         typed = () if self._orientation is None else self._orientation.fields
@@ -111,4 +115,6 @@ class TargetForm:
             field.visible = self._uses(use)
         if self._orientation is not None:
             self._orientation.show(visible=self._whole is not None)
+        asks = self._kind is not None and self._kind.value == PITCH_AND_ROLL
+        self._neither.visible = asks and not any(use.value for use, _, _ in self._turns)
         self.point.target.visible = self._show.value
