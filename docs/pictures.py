@@ -244,7 +244,7 @@ def servos(screen: Screen) -> FloatRect:
     disconnected(screen)
     screen.click("Look for the servos")
     screen.wait_for_text(re.compile("as the arm needs them"))
-    screen.press(screen.page.get_by_role("button", name="Id …").last)
+    screen.press(screen.page.get_by_role("button", name="Change id").last)
     screen.type_into("New id", "9")
     screen.click("Write it")
     screen.wait_for_text(re.compile("Servo 9 is not one of this arm"))

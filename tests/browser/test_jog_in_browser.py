@@ -30,8 +30,7 @@ def test_the_arm_jogs_while_a_button_is_held_and_says_why_where_it_cannot(
     page: Screen, served: ServedArm
 ) -> None:
     page.open_tab("Jog & gripper")
-    page.choose("Joint", "Shoulder")
-    page.hold("Jog +", 600)
+    page.hold("Shoulder +", 600)
     served.wait_for(page, State.HOLDING)
     assert 90.5 < served.commanded_deg[1] < 110
     assert [served.commanded_deg[i] for i in (0, 2, 3, 4)] == [HOME[i] for i in (0, 2, 3, 4)]
@@ -71,8 +70,8 @@ def test_the_arm_jogs_while_a_button_is_held_and_says_why_where_it_cannot(
     served.arm.release()
     page.open_tab("Joint")
     page.wait_for_text("The arm is off; enable first.")
-    assert not page.is_enabled("Jog −")
-    page.hold("Jog −", 300)
+    assert not page.is_enabled("Base −")
+    page.hold("Base −", 300)
     assert page.notifications() == []
     assert not any("refused" in event.text for event in served.now.events)
     assert page.errors == []

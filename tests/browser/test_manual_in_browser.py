@@ -71,6 +71,12 @@ def test_sliders_move_the_arm_only_after_go_and_quick_steps_add_up_to_the_limit(
 ) -> None:
     page.type_into("Base °", "25.5")
     page.wait_for_text("The sliders show the next pose")
+    limits = page.row("Elbow °").locator(".mantine-Slider-markLabel")
+    expect(limits).to_have_text(["−84.4", "95.1"])
+    thumb, limit = page.row("Elbow °").get_by_role("slider").bounding_box(), limits.first.bounding_box()
+    assert thumb is not None and limit is not None
+    assert thumb["x"] < limit["x"] + limit["width"]  # it stands above the number
+    assert thumb["y"] + thumb["height"] <= limit["y"] + 1
     page.screenshot("manual-joints")
     assert served.commanded_deg == HOME
     page.click("Go")

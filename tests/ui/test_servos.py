@@ -167,7 +167,7 @@ def test_a_register_that_differs_is_written_only_after_the_page_has_asked(
     assert page.bus.servo(5).get("highest") == 3901 and page.bus.servo(5).get("lock") == 1
     page.refresh(page.section)
     assert "✓ 6 servos" in page.parts["servos"]
-    assert page.notices[-1].startswith("Done: servo 5 · Wrist roll")
+    assert page.notices[-1].startswith("Servo 5 · Wrist roll: written")
     with pytest.raises(InputError, match="no longer there"):
         page.do("mend", "5.0")
 
@@ -329,9 +329,7 @@ def test_lerobots_file_is_saved_compared_and_restored(open_page: Callable[..., S
     page.press("Write what differs")
     assert page.bus.servo(5).get("lowest") == 300
     page.press("Write it")
-    assert page.bus.servo(5).get("lowest") == 0 and page.notices == [
-        "1 registers are written, locked and read back."
-    ]
+    assert page.bus.servo(5).get("lowest") == 0 and page.notices == ["1 registers are written and checked."]
     with pytest.raises(InputError, match=r"arm.json: not a calibration of LeRobot"):
         compare(b"\xff[")
 

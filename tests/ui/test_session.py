@@ -205,6 +205,20 @@ def test_controls_follow_the_arm_and_say_why_they_cannot_be_used(server: Guarded
     assert export.disabled
 
 
+def test_a_reason_takes_the_place_of_the_hint_that_stands_there_otherwise(server: GuardedServer) -> None:
+    bench = Bench(server)
+    offer = bench.session.needs(Need.HOLDING, server.gui.add_button("Go"), hint="It goes at -5 mm/s.")
+    assert offer.reason is not None
+    assert "<div class='armctl-why'>It goes at −5 mm/s.</div>" in offer.reason._handle.content
+    bench.session.refresh(replace(bench.snapshot, state=State.OFF))
+    told = offer.reason._handle.content
+    assert "<span>The arm is off; enable first.</span>" in told
+    assert "<span aria-hidden='true'>It goes at −5 mm/s.</span>" in told  # keeps the height
+    offer.hint = "Another one."
+    bench.session.refresh(bench.snapshot)
+    assert ">Another one.<" in offer.reason._handle.content
+
+
 async def pressing(session: Session, button: Any) -> None:
     """Call what is attached to a button, as viser does."""
     (callback,) = button._impl.update_cb

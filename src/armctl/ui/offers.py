@@ -10,12 +10,18 @@ from armctl.errors import ArmctlError
 from armctl.facts import Need, Reason
 from armctl.lazy_dataclass import dataclass
 from armctl.protocol import Snapshot
-from armctl.ui.widgets.html import EMPTY_LINE, LiveHtml, sentence
+from armctl.ui.widgets.html import EMPTY_LINE, LiveHtml, sentence, with_minus
 
 
-def why_html(content: str) -> str:
-    """HTML as high with one line as with two (``viser_console.css``)."""
-    return f"<div class='armctl-why'>{content}</div>"
+def why_html(content: str, hint: str = "") -> str:
+    """HTML below controls: why they cannot be used; else a ``hint``, whose place the reason takes.
+
+    The line is there all the time, and as high as the hint at least: what lies below it stays in its place.
+    """
+    kept = escape(with_minus(hint))
+    if content and kept:
+        return f"<div class='armctl-why'><span>{content}</span><span aria-hidden='true'>{kept}</span></div>"
+    return f"<div class='armctl-why'>{content or kept}</div>"
 
 
 NO_REASON = why_html(EMPTY_LINE)
@@ -57,17 +63,19 @@ class Offer:
     """where it is told why they cannot be used; None: nowhere"""
     anyone: bool
     """pages that watch may use them, whatever the arm does"""
+    hint: str = ""
+    """what stands there while they can be used"""
     why: str | Reason | None = None
     """why they cannot be used, as it was drawn last; None: they can"""
     _off: bool | None = None
     """whether they cannot be used, as they show it; None: nobody has told them yet"""
-    _told: str | Reason | None = None
-    """why they cannot be used, as it is shown: its words take six times as long as to compare it"""
+    _told: tuple[str | Reason | None, str] = (None, "")
+    """that reason and the hint, as they are shown: the words take six times as long as to compare them"""
 
     @property
     def keeps_line(self) -> bool:
         """Whether the line of the reason stays, empty: the arm's moves and edits shift nothing below it."""
-        return self.arm is not None or self.also is not None
+        return self.arm is not None or self.also is not None or bool(self.hint)
 
     def draw(self, snapshot: Snapshot, why_not: Callable[[Need | None], str | None], *, told: bool) -> None:
         """Enable or disable them; ``why_not``: what needs this of the arm. ``told``: and show the reason."""
@@ -83,6 +91,7 @@ class Offer:
         if self.reason is not None:
             shown = why if told else None
             self.reason.visible = shown is not None or self.keeps_line
-            if shown != self._told:
-                self._told = shown
-                self.reason.show(why_html(escape(sentence(shown))) if shown else NO_REASON)
+            if (shown, self.hint) != self._told:
+                self._told = shown, self.hint
+                said = escape(sentence(shown)) if shown else ""
+                self.reason.show(why_html(said, self.hint) if said or self.hint else NO_REASON)

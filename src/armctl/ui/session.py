@@ -182,15 +182,16 @@ class Session:
         also: Callable[[Snapshot], str | Reason | None] | None = None,
         told: bool = True,
         anyone: bool = False,
+        hint: str = "",
     ) -> Offer:
         """Disable controls while they would be refused, and say why below them, in the present container.
 
         ``arm``: what they need of the arm, or need now; None: only that this page operates. ``also``: why
         they would be refused all the same, in words ("the list is empty; record a pose first"), or None.
         ``told``: whether the reason is shown; not where the same one stands beside it already. ``anyone``: a
-        page that watches may use them, too, whatever the arm does.
+        page that watches may use them, too, whatever the arm does. ``hint``: a line in place of no reason.
         """
-        offer = Offer(controls, arm, also, LiveHtml(self.gui, NO_REASON) if told else None, anyone)
+        offer = Offer(controls, arm, also, LiveHtml(self.gui, NO_REASON) if told else None, anyone, hint)
         self._offers.append(offer)
         self._draw_offers((offer,), self.snapshot)
         return offer

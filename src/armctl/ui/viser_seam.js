@@ -100,9 +100,19 @@ const armctlViser = (() => {
     }
   }
 
+  // The limits of sliders as numbers are written elsewhere: a digit behind the point, and a true minus.
+  function writeLimits() {
+    for (const { firstChild: text } of document.querySelectorAll(".mantine-Slider-markLabel")) {
+      if (!/^-?\d+(\.\d+)?$/.test(text?.nodeValue)) continue;
+      const short = String(Math.round(10 * text.nodeValue) / 10).replace("-", "\u2212");
+      if (text.nodeValue !== short) text.nodeValue = short;
+    }
+  }
+
   // Everything that has no name yet.
   function name() {
     nameFields();
+    writeLimits();
     nameSections();
     nameIcons();
   }

@@ -9,6 +9,7 @@ import asyncio
 import math
 import re
 from collections.abc import Awaitable, Callable, Coroutine, Sequence
+from html import escape
 from typing import Any
 
 import numpy as np
@@ -187,31 +188,42 @@ class NumbersField(TextEntry):
         return ", ".join(format_number(value, self._digits) for value in (self._scale * array).tolist())
 
 
+def _arranged(gui: viser.GuiApi, how: str) -> viser.GuiFormHandle:
+    """A container whose parts ``viser_console.css`` arranges."""
+    container = gui.add_form(None)
+    with container:
+        gui.add_html(f"<i hidden data-armctl-{how}></i>")
+    return container
+
+
 def field_grid(gui: viser.GuiApi) -> viser.GuiFormHandle:
     """A container in which number fields stand three in a row, with their labels above.
 
     Enter in a field is its ``on_submit``.
     """
-    grid = gui.add_form(None)
-    with grid:
-        gui.add_html("<i hidden data-armctl-grid></i>")  # for viser_console.css
-    return grid
+    return _arranged(gui, "grid")
 
 
 def button_pairs(gui: viser.GuiApi) -> viser.GuiFormHandle:
     """A container in which buttons stand two in a row, such as those of − and + of an axis."""
-    pairs = gui.add_form(None)
-    with pairs:
-        gui.add_html("<i hidden data-armctl-pairs></i>")  # for viser_console.css
-    return pairs
+    return _arranged(gui, "pairs")
 
 
-def step_grid(gui: viser.GuiApi) -> viser.GuiFormHandle:
-    """A container for groups of two small buttons with a label: two of them stand in a row."""
-    grid = gui.add_form(None)
-    with grid:
-        gui.add_html("<i hidden data-armctl-steps></i>")  # for viser_console.css
-    return grid
+def slider_rows(gui: viser.GuiApi) -> viser.GuiFormHandle:
+    """A container for sliders, each with a group of two small buttons at the end of its row."""
+    return _arranged(gui, "sliders")
+
+
+def in_row(gui: viser.GuiApi, label: str = "") -> viser.GuiFormHandle:
+    """A container in which buttons stand beside each other, each as wide as its words; a field at the end.
+
+    ``label``: what stands where the labels of fields do.
+    """
+    row = _arranged(gui, "row")
+    if label:
+        with row:
+            gui.add_html(f"<span class='armctl-label'>{escape(label)}</span>")
+    return row
 
 
 DEGREES, MILLIMETRES = to_degrees(1.0), 1000.0

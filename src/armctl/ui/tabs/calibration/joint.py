@@ -33,7 +33,7 @@ from armctl.ui.tabs.calibration.shared_calibration import (
 from armctl.ui.tabs.manual.jog import HeldJog, joint_jog
 from armctl.ui.tabs.manual.joints import JointStepper, checked_percent, slow_duration, slow_speeds
 from armctl.ui.widgets.html import LiveHtml, fixed, muted, refused, sentence, table
-from armctl.ui.widgets.number_field import EditWatch, NumberField, button_pairs
+from armctl.ui.widgets.number_field import EditWatch, NumberField, button_pairs, in_row
 
 STEPS = {"−10": -10.0, "−1": -1.0, "−0.1": -0.1, "+0.1": 0.1, "+1": 1.0, "+10": 10.0}
 _STEP_HINT = "Turns the joint at once, at no more than 10°/s. Degrees by the calibration in force."
@@ -84,8 +84,7 @@ class CalibrationJoint:
                 button = gui.add_button(label)
                 jog.attach(button, partial(self._jog, sign))
                 session.needs(Need.JOG, button, told=False)
-        session.needs(Need.JOG)
-        LiveHtml(gui, muted("Jog turns the joint slowly for as long as the button is held."))
+        session.needs(Need.JOG, hint="Jog turns the joint slowly for as long as its button is held.")
         self._now = LiveHtml(gui)
         self._angle = NumberField(gui, "Angle read °", None, hint=_ANGLE_HINT)
         add = gui.add_button("Add mark", icon=viser.Icon.PLUS)
@@ -253,7 +252,9 @@ class CalibrationGripper:
         gui = session.gui
         LiveHtml(gui, muted(_HOW))
         self._percent = gui.add_slider("Gripper %", min=0, max=100, step=1, initial_value=50)
-        move = gui.add_button("Move gripper")
+        with in_row(gui):
+            move = gui.add_button("Move gripper")
+        session.needs(Need.GRIPPER, move, hint="0 % is closed, 100 % open, by the calibration in force.")
         self._now = LiveHtml(gui)
         jaws: tuple[Jaw, ...] = ("closed", "open")
         known = refused_by(partial(standing_gripper, session.console.robot))
@@ -262,7 +263,6 @@ class CalibrationGripper:
                 button = gui.add_button(f"{jaw.capitalize()} here", color="gray")
                 on_edit(session, button, partial(self._set_jaw, jaw), known)
         self._jaws = LiveHtml(gui)
-        session.needs(Need.GRIPPER, move)
         session.on(move.on_click, self._on_move)
 
     def refresh(self, snapshot: Snapshot) -> None:

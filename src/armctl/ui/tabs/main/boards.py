@@ -43,7 +43,8 @@ class RobotChooser:
             label for label, name in self._names.items() if name == self._robots.present.name
         )
         self._list = session.gui.add_dropdown("Robot", tuple(self._names), initial_value=self._present)
-        session.needs(None, self._list, also=partial(not_replaceable, reopen=False))
+        kept = partial(not_replaceable, reopen=False)
+        session.needs(None, self._list, also=kept, hint=joints_of(session.console.robot))
         self._about = about(session.console.robot)
         self._text = LiveHtml(session.gui, self._about)
         self._leave = session.gui.add_button("Stop opening", visible=False)
@@ -99,13 +100,18 @@ def _with_file(choice: RobotChoice) -> str:
     return f"{choice.title} ({Path(choice.name.partition('#')[0]).name})"
 
 
+def joints_of(robot: Robot) -> str:
+    """How many joints a robot has, and whether a gripper."""
+    return f"{robot.n} joints" + (" and a gripper" if robot.gripper is not None else "")
+
+
 def about(robot: Robot) -> str:
-    """Joints, gripper, source and what is assumed of a robot, as HTML."""
-    joints = f"{robot.n} joints" + (" and a gripper" if robot.gripper is not None else "")
-    source = f"<b>{joints}</b>{simulated_only_html(robot)}{muted(robot.source)}"
+    """Source of a robot and what is assumed of it, as HTML: once it is unfolded, what may stay unread."""
     guessed = warned(sentence(BODY_GUESSED)) if robot.body_is_guessed else ""
-    assumed = [text for text in robot.assumed if text != BODY_GUESSED]
-    return source + guessed + (folded("Assumed values (not in the source)", assumed) if assumed else "")
+    assumed = [f"Assumed, not in the source: {text}" for text in robot.assumed if text != BODY_GUESSED]
+    source = [robot.source, *assumed] if robot.source else assumed
+    more = folded("Source and assumed values", source) if source else ""
+    return f"{simulated_only_html(robot)}{guessed}{more}"
 
 
 # What *Main* says of the boards: which are there, which is connected, which axes are homed.

@@ -29,7 +29,7 @@ from armctl.ui.scene.stage import towards_camera
 from armctl.ui.session import Session
 from armctl.ui.tabs.main.arm_lengths import ROWS_HINT, LengthLabels, rows_of
 from armctl.ui.widgets.html import LiveHtml, folded, muted, refused, sentence, warned
-from armctl.ui.widgets.number_field import NumberField, field_grid, parse_number
+from armctl.ui.widgets.number_field import NumberField, field_grid, in_row, parse_number
 
 _ROWS, _COPY = "DH rows", "A copy of the present robot"
 _BEGINNINGS = {build.title: build for build in BUILDS}
@@ -118,7 +118,8 @@ class OwnArm:
         """the file name that follows from the title"""
         gui = session.gui
         self._intro = LiveHtml(gui, muted(_INTRO))
-        self._begin = gui.add_button("New arm", icon=viser.Icon.PLUS)
+        with in_row(gui):
+            self._begin = gui.add_button("New arm", icon=viser.Icon.PLUS)
         self._box = gui.add_folder("New arm", visible=False)
         with self._box:
             self._status = LiveHtml(gui)

@@ -39,6 +39,7 @@ from armctl.ui.tabs.main.servos import Servos
 from armctl.ui.tabs.main.tool_choice import ToolChoice
 from armctl.ui.tabs.main.urdf_arm import UrdfArm
 from armctl.ui.widgets.html import GOOD, LiveHtml, muted, numbers
+from armctl.ui.widgets.number_field import in_row
 
 # Who operates the arm: names, taking control, locking it.
 
@@ -57,11 +58,12 @@ class People:
         self._session = session
         gui = session.gui
         self._list = LiveHtml(gui)
+        LiveHtml(gui, muted(_NOTE))
         name = gui.add_text("Your name", initial_value=session.name)
         self._pin = gui.add_text("Teacher's PIN", initial_value="", visible=session.snapshot.control.pin)
-        self._take = gui.add_button("Take control of the arm", icon=viser.Icon.HAND_GRAB)
-        self._lock = gui.add_button("Lock control", icon=viser.Icon.LOCK)
-        LiveHtml(gui, muted(_NOTE))
+        with in_row(gui):
+            self._take = gui.add_button("Take control of the arm", icon=viser.Icon.HAND_GRAB)
+            self._lock = gui.add_button("Lock control", icon=viser.Icon.LOCK, color="gray")
         self._name = name
         self._typed = 0
         session.on(name.on_update, self._on_name)
@@ -125,12 +127,13 @@ _DISCONNECT_DROPS = (
 )
 
 
+_JOINS = (State.DISCONNECTED, State.FAULT)
+"""in which states Connect is there"""
 _LINES = {
-    "Connect": (State.DISCONNECTED, State.FAULT),
     "Disconnect": (State.OFF, State.HOLDING, State.MOVING, State.PAUSED, State.FAULT),
     "Rescan": tuple(State),
 }
-"""in which states each button is there"""
+"""… and each button beside it"""
 
 
 class MainScreen:
@@ -152,26 +155,30 @@ class MainScreen:
             self._first = FirstSteps(session)
             self._robot = RobotChooser(session)
             self._port = gui.add_dropdown("Port", labels, initial_value=chosen)
-            self._line = gui.add_button_group("Board", tuple(_LINES))
+            with in_row(gui, "Board"):
+                self._join = gui.add_button("Connect", icon=viser.Icon.PLUG_CONNECTED, visible=False)
+                self._line = gui.add_button_group("Board", tuple(_LINES))
             self._ports = LiveHtml(gui)
             self._board = LiveHtml(gui)
             self._tool = ToolChoice(session)
             self._homing = gui.add_button("Homing", icon=viser.Icon.TARGET, visible=False)
             self._homed = LiveHtml(gui)
-            home = gui.add_button("Home", icon=viser.Icon.HOME)
-            poses = gui.add_button_group(
-                "Go to pose", tuple(name for name in console.robot.poses if name != "home")
-            )
+            with in_row(gui, "Go to pose"):
+                home = gui.add_button("Home", icon=viser.Icon.HOME, color="gray")
+                poses = gui.add_button_group(
+                    "Go to pose", tuple(name for name in console.robot.poses if name != "home")
+                )
             goals: list[Disableable] = [
                 home,
                 poses,
                 session.command("Home", self._go_home, "Go to the home pose"),
             ]
             if console.robot.points:
-                points = gui.add_button_group("Go to point", tuple(console.robot.points))
+                with in_row(gui, "Go to point"):
+                    points = gui.add_button_group("Go to point", tuple(console.robot.points))
                 goals.append(points)
                 session.on(points.on_click, lambda: self._go_to_point(points.value))
-            session.needs(Need.HOLDING, *goals)
+            session.needs(Need.HOLDING, *goals, hint="The arm goes there at once.")
         self._servos: Servos | None = None
         if has_servos(console.robot):
             with tabs.add_tab("Servos"):
@@ -189,8 +196,9 @@ class MainScreen:
         with tabs.add_tab("Who operates"):
             self._people = People(session)
         session.needs(Need.OFF_OR_HOLDING, self._homing, told=False)
-        session.needs(None, self._line, told=False)
+        session.needs(None, self._line, self._join, told=False)
         session.on(self._line.on_click, self._on_line)
+        session.on(self._join.on_click, lambda: self._connect(self._choices[self._port.value]))
         session.on(self._homing.on_click, lambda: session.submit(HomeAxes()))
         session.on(home.on_click, self._go_home)
         session.on(poses.on_click, lambda: self._go_to_pose(poses.value))
@@ -204,6 +212,7 @@ class MainScreen:
         if self._servos is not None:
             self._servos.refresh(snapshot)
         gone = snapshot.state is State.FAULT and snapshot.board is None  # there is nothing to disconnect
+        self._join.visible = snapshot.state in _JOINS
         self._line.options = tuple(
             one for one in _LINES if snapshot.state in _LINES[one] and not (gone and one == "Disconnect")
         )
@@ -235,10 +244,8 @@ class MainScreen:
         match self._line.value:
             case "Rescan":
                 self._list(self._session.console.list_ports())
-            case "Disconnect":
-                await self._disconnect()
             case _:
-                await self._connect(self._choices[self._port.value])
+                await self._disconnect()
 
     async def _disconnect(self) -> None:
         """Where that lets the arm drop, the first click asks, and a second one soon after disconnects."""
@@ -284,10 +291,7 @@ class MainScreen:
 _HIDDEN = "hidden"
 _FIRST_STEPS = {"enable", "slider", "point"}
 _POINT_BUTTONS = {"Go by least energy", "Go by the selected one"}
-_SAMPLES = (
-    "Then load a sample program: <b>Serial motion → Files</b>. Choose one of <b>Saved programs</b>, "
-    "press <b>Load</b>, then <b>Run once</b>."
-)
+_SAMPLES = "Then <b>Load a sample</b> in the empty program, and press <b>Run once</b>."
 
 
 class FirstSteps:
@@ -300,7 +304,8 @@ class FirstSteps:
         self._box = gui.add_folder("First steps", visible=False)
         with self._box:
             self._steps = LiveHtml(gui)
-            hide = gui.add_button("Hide first steps", color="gray")
+            with in_row(gui):
+                hide = gui.add_button("Hide first steps", color="gray")
         self._known = False
         """whether it is known what was done here before"""
         self._told: frozenset[str] | None = None
@@ -341,9 +346,8 @@ class FirstSteps:
         point = numbers((1000 * example_point(self._session.console.robot)).round().tolist(), 0)
         steps = {
             "enable": "Press <b>Enable</b> at the top.",
-            "slider": "Open <b>Manual</b>, move a slider, and press <b>Go</b>.",
-            "point": f"Open <b>Inverse</b>, type a point, for example {point} mm, "
-            "and press <b>Go by least energy</b>.",
+            "slider": "<b>Manual</b>: move a slider, and press <b>Go</b>.",
+            "point": f"<b>Inverse</b>: type a point, such as {point} mm, then <b>Go by least energy</b>.",
         }
         lines = [
             f"<div style='color:{GOOD if step in self._done else 'inherit'}'>"

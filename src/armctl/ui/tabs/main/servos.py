@@ -18,6 +18,7 @@ from armctl.ui.events import Action
 from armctl.ui.session import Session
 from armctl.ui.tabs.main.shared_servos import ScannedBus, SharedServos, servo_key
 from armctl.ui.widgets.html import ERROR, GOOD, WARNING, LiveHtml, button, heading, muted, sentence
+from armctl.ui.widgets.number_field import in_row
 
 _PART = "servos"
 _ALL_RATES = "all"
@@ -53,24 +54,32 @@ class Servos:
         """a calibration of LeRobot that was compared with the servos: its name, and what is in it"""
         shared = self._shared
         self._where = LiveHtml(gui)
-        self._disconnect = gui.add_button("Disconnect the arm", icon=viser.Icon.PLUG_OFF, visible=False)
+        with in_row(gui):
+            self._disconnect = gui.add_button(
+                "Disconnect the arm", icon=viser.Icon.PLUG_OFF, visible=False, color="gray"
+            )
         session.needs(None, self._disconnect, told=False)
         session.parts.add(gui, _PART)
-        self._keep = gui.add_button("They are right as they are", icon=viser.Icon.CHECK, visible=False)
-        self._connect = gui.add_button("Connect the arm", icon=viser.Icon.PLUG_CONNECTED)
+        with in_row(gui):
+            self._keep = gui.add_button(
+                "They are right as they are", icon=viser.Icon.CHECK, visible=False, color="gray"
+            )
+            self._connect = gui.add_button("Connect the arm", icon=viser.Icon.PLUG_CONNECTED, color="gray")
         session.needs(None, self._keep, self._connect, also=self._not_now, told=False)
         with gui.add_folder("A new servo", expand_by_default=False):
             LiveHtml(gui, _NEW)
             self._becomes = gui.add_dropdown("It becomes", tuple(map(self._named, shared.ids)))
-            give = gui.add_button("Give it this id", icon=viser.Icon.TAG)
+            with in_row(gui):
+                give = gui.add_button("Give it this id", icon=viser.Icon.TAG)
             self._step = LiveHtml(gui)
             session.needs(None, give, also=self._not_now)
         with gui.add_folder("LeRobot's calibration", expand_by_default=False):
             LiveHtml(gui, _LEROBOT)
-            save = gui.add_button("Save as LeRobot's file", icon=viser.Icon.DOWNLOAD)
-            self._upload = gui.add_upload_button(
-                "Compare with a file", icon=viser.Icon.UPLOAD, mime_type=".json"
-            )
+            with in_row(gui):
+                save = gui.add_button("Save as LeRobot's file", icon=viser.Icon.DOWNLOAD, color="gray")
+                self._upload = gui.add_upload_button(
+                    "Compare with a file", icon=viser.Icon.UPLOAD, mime_type=".json", color="gray"
+                )
             self._compared = LiveHtml(gui)
             self._restore = gui.add_button("Write what differs", icon=viser.Icon.DEVICE_FLOPPY, visible=False)
             session.needs(None, save, self._upload, self._restore, also=self._not_now)
@@ -84,7 +93,7 @@ class Servos:
         session.on_press("servo-look", "Look for the servos", self._on_look)
         session.on_part("servo-cancel", lambda _: shared.cancel())
         session.on_press("servo-nudge", "Nudge", self._on_nudge)
-        session.on_press("servo-id", "Id", self._on_id)
+        session.on_press("servo-id", "Change id", self._on_id)
         session.on_press("servo-mend", "Mend", self._on_mend)
 
     def require_free(self) -> None:
@@ -181,7 +190,7 @@ class Servos:
 
     async def _mend(self, mend: Mend) -> None:
         found = await self._shared.mend(self._seen_on(), mend)
-        self._session.notify("Servos", f"Done: servo {self._named(found.id)}, written, locked and read back.")
+        self._session.notify("Servos", f"Servo {self._named(found.id)}: written and checked.")
 
     def _on_id(self, key: str) -> None:
         """Ask which id a servo is to get."""
@@ -264,7 +273,7 @@ class Servos:
     async def _write(self, name: str, kept: dict[str, KeptServo]) -> None:
         port = self._seen_on()
         count = await self._shared.restore(port, kept)
-        self._session.notify("Servos", f"{count} registers are written, locked and read back.")
+        self._session.notify("Servos", f"{count} registers are written and checked.")
         self._show_compared(name, kept, await self._shared.look_at_all(port))
 
 
@@ -336,7 +345,7 @@ def _row(servo: int, title: str, one: FoundServo | None, why: str | None) -> str
         hint = "turns it by 2° and back, weakly; support the arm"
         buttons = button("servo-nudge", "Nudge", key=servo_key(one), why=why, title=hint, kind="chip")
         buttons += button(
-            "servo-id", "Id …", key=servo_key(one), why=why, title="gives it another id", kind="chip"
+            "servo-id", "Change id", key=servo_key(one), why=why, title="gives it another id", kind="chip"
         )
     wraps = (k == 1 for k in range(len(_HEADS)))  # the name of the joint
     line = "".join(

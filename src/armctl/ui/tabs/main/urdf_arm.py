@@ -41,7 +41,7 @@ from armctl.ui.robot_switch import RobotChoice
 from armctl.ui.session import Session
 from armctl.ui.widgets.angle_fields import angle_fields
 from armctl.ui.widgets.html import LiveHtml, muted
-from armctl.ui.widgets.number_field import NumberField
+from armctl.ui.widgets.number_field import NumberField, in_row
 
 _TAKEN = ",".join((".zip", *ARM_SUFFIXES, *MESH_FILES))
 _NOTE = (
@@ -95,10 +95,13 @@ class UrdfArm:
         self._session, self._robot = session, session.console.robot
         self._present: _Present | None = None
         gui, is_urdf = session.gui, urdf_path(session.robots.present.name) is not None
-        self._upload = gui.add_upload_button("Upload an arm", icon=viser.Icon.UPLOAD, mime_type=_TAKEN)
-        session.needs(None, self._upload)
         LiveHtml(gui, muted(_NOTE))
-        self._begin = gui.add_button("Tool, rest pose and floor", icon=viser.Icon.TOOL, visible=is_urdf)
+        with in_row(gui):
+            self._upload = gui.add_upload_button("Upload an arm", icon=viser.Icon.UPLOAD, mime_type=_TAKEN)
+            self._begin = gui.add_button(
+                "Tool, rest pose and floor", icon=viser.Icon.TOOL, visible=is_urdf, color="gray"
+            )
+        session.needs(None, self._upload)
         self._box = gui.add_folder("Tool, rest pose and floor", visible=False)
         with self._box:
             self._link: viser.GuiDropdownHandle[str] = gui.add_dropdown("Tool link", _NO_LINKS)

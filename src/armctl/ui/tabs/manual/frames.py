@@ -28,6 +28,7 @@ _TOUCH_HINT = (
     "The third press makes the frame; Undo takes it back."
 )
 _FRAME_HINT = "The one that is taught, renamed, deleted, or chosen by a step."
+_USE = "A step with it on the list: what comes below is in this frame."
 _NOTE = (
     "Points, lines, arcs and grids below a frame step of the program are given in that frame. Touch "
     "the three points anew where the fixture has been moved: the program goes with it."
@@ -55,10 +56,10 @@ class FrameForm:
         touch = gui.add_button_group("Touch here", TOUCHES, hint=_TOUCH_HINT)
         self._said = LiveHtml(gui)
         use = gui.add_button_group("Chosen frame", (ADD, RENAME, DELETE))
+        session.needs(None, touch, told=False)
+        session.needs(None, use, also=self._lacks, hint=_USE)
         self._list = LiveHtml(gui)
         LiveHtml(gui, muted(_NOTE))
-        session.needs(None, touch, told=False)
-        session.needs(None, use, also=self._lacks)
         session.on(self._chosen.on_update, self._on_chosen)
         session.on(touch.on_click, lambda: self._on_touch(touch.value))
         session.on(use.on_click, lambda: self._on_use(use.value))

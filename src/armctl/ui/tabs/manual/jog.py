@@ -17,6 +17,7 @@ from armctl.program import UserFrame
 from armctl.protocol import Jog, JogTool, MonotonicClock, MoveGripper, Snapshot
 from armctl.protocol.snapshot import tool_turns
 from armctl.robot import CarriedPart, Robot
+from armctl.ui.offers import Offer
 from armctl.ui.session import Session
 from armctl.ui.tabs.manual.joints import checked_percent
 from armctl.ui.tabs.manual.shared_program import SharedProgram
@@ -28,6 +29,7 @@ from armctl.ui.widgets.number_field import (
     TextEntry,
     button_pairs,
     format_number,
+    in_row,
     parse_numbers,
 )
 
@@ -35,12 +37,14 @@ Frame = Literal["base", "tool"]
 FRAMES: dict[str, Frame] = {"base axes": "base", "tool axes": "tool"}
 _TURN_DEG_PER_MM = 0.5
 _SPEED_HINT = "How fast the tool goes while a button is held. The joints' limits and Speed % slow it down."
+_TURNS = "A joint turns for as long as its button is held."
+_KEEPS = "The tool moves on a straight line for as long as a button is held."
 _NOTE = (
-    "The tool moves on a straight line while the button is held, its {} kept where the arm can. {} turn it "
-    f"in its place, {_TURN_DEG_PER_MM:g}°/s for each mm/s."
+    "The tool keeps its {} where the arm can. {} turn it in its place, "
+    f"{_TURN_DEG_PER_MM:g}°/s for each mm/s."
 )
 _PITCH_AND_ROLL = _NOTE.format("pitch and roll", "Pitch and Roll")
-_ORIENTATION = _NOTE.format("orientation", "Rx, Ry and Rz, about the axes chosen above,")
+_ORIENTATION = _NOTE.format("orientation", "Rx, Ry and Rz")
 
 Key = Literal["R", "F", "T", "G", "Y", "H", "U", "J", "I", "K", "O", "L", "P", "M"]
 KEYS: tuple[tuple[Key, Key], ...] = tuple(zip(get_args(Key)[::2], get_args(Key)[1::2], strict=True))
@@ -56,7 +60,7 @@ _KEYS_NOTE = (
 )
 
 
-_EMPTY = "empty"
+_EMPTY, _ENDS = "empty", "0 % is closed, 100 % open."
 _PART_HINT = (
     "How large the part between the jaws is, along X, Y, Z of the tool, e.g. 20 × 30 × 40: its middle is at "
     "the tool point. All that moves stays clear with it, until the gripper is set again."
@@ -157,17 +161,17 @@ class JogControl:
             with tabs.add_tab("Gamepad"):
                 self._sticks = StickJog(session, HeldJog(session).send, joint.share, tool.rates)
         self._session = session
-        self._opening: LiveHtml | None = None
+        self._opening: Offer | None = None
         if (gripper := session.console.robot.gripper) is not None:
             with gui.add_folder(gripper.title):
                 self._followed = _percent_of(session.snapshot, 50)
                 """what the slider shows while nobody edits it"""
                 self._percent = gui.add_slider("Gripper %", 0, 100, 1, initial_value=self._followed)
-                self._opening = LiveHtml(gui)
                 self._part = gui.add_text("Part mm", _part_text(session.snapshot.part_mm), hint=_PART_HINT)
                 self._watch = EditWatch([TextEntry(self._part)])
-                move = gui.add_button("Set gripper")
-                session.needs(Need.GRIPPER, move)
+                with in_row(gui):
+                    move = gui.add_button("Set gripper")
+                self._opening = session.needs(Need.GRIPPER, move, hint=_ENDS)
             session.on(move.on_click, self._on_gripper)
 
     def refresh(self, snapshot: Snapshot) -> None:
@@ -183,10 +187,10 @@ class JogControl:
                 self._followed = now
             text = "It has not been told to move yet."
             if snapshot.gripper is not None:
-                text = f"Commanded: <b>{100 * snapshot.gripper:.0f} %</b>."
+                text = f"Commanded: {100 * snapshot.gripper:.0f} %."
             if (part := CarriedPart.of(snapshot.part_mm)) is not None:
-                text += f" It carries a part of <b>{part}</b>."
-            self._opening.show(f"0 % is closed, 100 % open. {text}")
+                text += f" It carries a part of {part}."
+            self._opening.hint = f"{_ENDS} {text}"
 
     async def _on_gripper(self) -> None:
         self._watch.require_settled()
@@ -194,8 +198,22 @@ class JogControl:
         await self._session.submit(MoveGripper(opening, None if part is None else part.edges_mm))
 
 
+def add_pairs(
+    session: Session, axes: Sequence[str], command: Callable[[str, float], Jog | JogTool], hint: str
+) -> None:
+    """A button for − and one for + of each axis, which move for as long as they are held; and a ``hint``."""
+    jog = HeldJog(session)
+    with button_pairs(session.gui):
+        for axis in axes:
+            for sign, text in ((-1.0, "−"), (1.0, "+")):
+                button = session.gui.add_button(f"{axis} {text}", color="gray")
+                jog.attach(button, partial(command, axis, sign))
+                session.needs(Need.JOG, button, told=False)
+    session.needs(Need.JOG, hint=hint)
+
+
 class JointJog:
-    """Two buttons for the joint that is chosen."""
+    """Two buttons a joint; letting go, or losing the page, stops the arm."""
 
     def __init__(self, session: Session) -> None:
         gui, self._robot = session.gui, session.console.robot
@@ -203,15 +221,8 @@ class JointJog:
         held = {joint.title: text for joint in self._robot.joints if (text := held_at(joint)) is not None}
         self.axes = tuple(title for title in self._titles if title not in held)
         """the joints that can turn"""
-        self._joint = gui.add_dropdown("Joint", self.axes)
         self._speed = gui.add_slider("Jog speed %", min=1, max=100, step=1, initial_value=25)
-        jog = HeldJog(session)
-        with button_pairs(gui):
-            for sign, text in ((-1.0, "−"), (1.0, "+")):
-                button = gui.add_button(f"Jog {text}")
-                jog.attach(button, lambda sign=sign: self.command(self._joint.value, sign))
-                session.needs(Need.JOG, button, told=False)
-        session.needs(Need.JOG)
+        add_pairs(session, self.axes, self.command, _TURNS)
         for title, text in held.items():
             gui.add_text(title, text, disabled=True)
 
@@ -240,20 +251,13 @@ class ToolJog:
         """``speed_mm_s``: how fast it is to begin with."""
         gui, self._shared = session.gui, session.console.shared(SharedProgram)
         self.axes = tool_axes(session.console.robot)
-        self._frame = gui.add_dropdown("Along the", tuple(FRAMES), initial_value="base axes")
+        note = _ORIENTATION if session.console.robot.orients_tool else _PITCH_AND_ROLL
+        self._frame = gui.add_dropdown("Along the", tuple(FRAMES), initial_value="base axes", hint=note)
         self._offered: Mapping[str, UserFrame] = {}
         self._names: dict[str, str] = {}
         """of the user frames that are offered, by what is chosen"""
         self._speed = gui.add_slider("Tool mm/s", 1, 150, 1, initial_value=speed_mm_s, hint=_SPEED_HINT)
-        jog = HeldJog(session)
-        with button_pairs(gui):
-            for axis in self.axes:
-                for sign, text in ((-1.0, "−"), (1.0, "+")):
-                    button = gui.add_button(f"{axis} {text}")
-                    jog.attach(button, partial(self.command, axis, sign))
-                    session.needs(Need.JOG, button, told=False)
-        session.needs(Need.JOG)
-        LiveHtml(gui, muted(_ORIENTATION if session.console.robot.orients_tool else _PITCH_AND_ROLL))
+        add_pairs(session, self.axes, self.command, _KEEPS)
 
     @property
     def speed(self) -> str:

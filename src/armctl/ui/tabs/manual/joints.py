@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 
 import numpy as np
@@ -24,7 +24,7 @@ from armctl.ui.session import Session
 from armctl.ui.viser_seam import slider_marks
 from armctl.ui.widgets.angle_fields import held_at, slider_degrees, slider_limits
 from armctl.ui.widgets.html import LiveHtml, fixed, muted, table
-from armctl.ui.widgets.number_field import step_grid
+from armctl.ui.widgets.number_field import in_row, slider_rows
 
 # The live table: where the tool is, how it moves, and what the joints are told and do.
 
@@ -158,9 +158,14 @@ def rounding_note(robot: Robot, q: FloatArray) -> str:
 
 _ROUNDING = 1e-9
 _STEPS = ("0.1", "1", "5", "10")
-_FOLLOWING = "The sliders show the arm. Move one, then press <b>Go</b>."
-"""as long as the line that takes its place: a slider that is dragged stays under the pointer"""
-_EDITED = "<b style='color:var(--armctl-ghost)'>The sliders show the next pose</b>, as the ghost does."
+_LEGEND = (
+    "<div class='armctl-marks'><span><i class='tick'></i>where the arm is</span> "
+    "<span><i class='dot'></i>where it would go</span></div>"
+)
+_FOLLOWING = "The sliders show the arm. Move one, then press Go."
+_EDITED = "The sliders show the next pose, as the ghost does. Go moves the arm there."
+_RUNNING = "The sliders show the next pose. Its ghost is away while a program runs."
+_AT_ONCE = "− and + turn a joint at once, by so many degrees. Clicks add up."
 
 
 class JointControl:
@@ -169,7 +174,7 @@ class JointControl:
     def __init__(self, session: Session) -> None:
         self._session, self._robot = session, session.console.robot
         gui = session.gui
-        self._hint = LiveHtml(gui, _FOLLOWING)
+        LiveHtml(gui, _LEGEND)
         self._writer = PoseWriter(session, "sliders in Manual")
         self._stepper = JointStepper(session)
         self._ends = slider_limits(self._robot)
@@ -177,39 +182,37 @@ class JointControl:
         """degrees"""
         self._sliders: dict[int, viser.GuiSliderHandle[float]] = {}
         """by joint"""
-        held = [held_at(joint) for joint in self._robot.joints]
-        limits = self._ends.tolist()
-        for i, joint in enumerate(self._robot.joints):
-            title, (low, high) = f"{joint.title} °", limits[i]
-            if (text := held[i]) is not None:
-                gui.add_text(title, text, disabled=True)
-                continue
-            self._sliders[i] = gui.add_slider(title, low, high, 0.01, initial_value=self._shown[i])
-            session.on(self._sliders[i].on_update, self._on_slider)
+        steps: list[viser.GuiButtonGroupHandle] = []
+        with slider_rows(gui):
+            for i, joint in enumerate(self._robot.joints):
+                steps.extend(self._add_joint(i, held_at(joint)))
         self._at = slider_degrees(self._robot, session.console.last_known.drawn(session.snapshot), self._ends)
         self._ticks = LiveHtml(gui, self._ticks_html())
-        reset = gui.add_button("Sliders to present pose", color="gray")
-        why = _FOLLOWING  # told above the sliders
-        session.needs(
+        with in_row(gui):
+            reset = gui.add_button("Sliders to present pose", color="gray")
+            self._step = gui.add_dropdown("Step °", _STEPS, initial_value="1")
+        self._told = session.needs(
             None,
             reset,
-            also=lambda _: why if session.next.q is None else None,
-            told=False,
+            also=lambda _: _FOLLOWING if session.next.q is None else None,
             anyone=True,
+            hint=_EDITED,
         )
+        session.needs(self._stepper.need, *steps, hint=_AT_ONCE)
         session.on(reset.on_click, session.next.clear)
-        with gui.add_folder("Step one joint (moves at once)"):
-            self._step = gui.add_dropdown("Step °", _STEPS, initial_value="1")
-            groups: list[viser.GuiButtonGroupHandle] = []
-            with step_grid(gui):
-                for i, joint in enumerate(self._robot.joints):
-                    if (text := held[i]) is not None:
-                        gui.add_text(joint.title, text, disabled=True)
-                        continue
-                    group = gui.add_button_group(joint.title, ("−", "+"))
-                    groups.append(group)
-                    session.on(group.on_click, partial(self._on_step, i, group))
-            session.needs(self._stepper.need, *groups)
+
+    def _add_joint(self, i: int, held: str | None) -> Iterator[viser.GuiButtonGroupHandle]:
+        """A joint's row; gives its buttons, which one that is ``held`` has not."""
+        session, joint = self._session, self._robot.joints[i]
+        title, (low, high) = f"{joint.title} °", self._ends[i].tolist()
+        if held is not None:
+            session.gui.add_text(title, held, disabled=True)
+            return
+        self._sliders[i] = session.gui.add_slider(title, low, high, 0.01, initial_value=self._shown[i])
+        session.on(self._sliders[i].on_update, self._on_slider)
+        group = session.gui.add_button_group(joint.title, ("−", "+"))
+        session.on(group.on_click, partial(self._on_step, i, group))
+        yield group
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Show the next pose, or the arm."""
@@ -218,7 +221,7 @@ class JointControl:
             self._shown = shown
             for i, slider in self._sliders.items():
                 slider.value = shown[i]
-        self._hint.show(_FOLLOWING if self._session.next.q is None else _EDITED)
+        self._told.hint = _EDITED if snapshot.program is None else _RUNNING
         at = slider_degrees(self._robot, self._session.console.last_known.drawn(snapshot), self._ends)
         if at != self._at and self._session.sees("Manual"):
             self._at = at

@@ -45,6 +45,7 @@ _NAMES = (
 _LET_GO, _STOPPED = "let go", "stopped"
 """said instead of numbers; behind a STOP nothing else is to be sent"""
 _OFF, _ON = "Gamepad is off: press to switch on", "Gamepad is ON: press to switch off"
+_REST = "The arm moves for as long as a stick is pushed, and no other way."
 _UNSEEN = "No gamepad and no 3D mouse is seen. Plug it in, and press a button on it."
 RESTS_S = 0.1
 """within which the arm rests once somebody lets go: no joint is led faster than from where it can"""
@@ -147,7 +148,7 @@ class StickJog:
         self._choice = gui.add_dropdown("Sticks move", tuple(self._moves))
         session.parts.add(gui, _PART)
         session.needs(None, self._switch)
-        session.needs(Need.JOG)
+        session.needs(Need.JOG, hint=_REST)
         session.on(self._switch.on_click, self._on_switch)
         session.on(self._choice.on_update, self._draw)
         session.on_part_value("sticks", self._on_pushed)
@@ -233,6 +234,6 @@ def _html(moved: list[tuple[str, str]], seen: str, *, held_back: bool) -> str:
     )
     legend = table(("Push", "moves"), [list(one) for one in moved], words=(0, 1))
     return (
-        f"<div data-sticks='{'held' if held_back else ''}'>{state}{muted(_NOTE)}{legend}"
-        f"{muted(_THUMBS)}<div class='armctl-thumbs'>{pads}</div></div>"
+        f"<div data-sticks='{'held' if held_back else ''}'>{state}<div class='armctl-thumbs'>{pads}</div>"
+        f"{muted(_THUMBS)}{legend}{muted(_NOTE)}</div>"
     )
