@@ -163,22 +163,7 @@ class MainScreen:
             self._tool = ToolChoice(session)
             self._homing = gui.add_button("Homing", icon=viser.Icon.TARGET, visible=False)
             self._homed = LiveHtml(gui)
-            with in_row(gui, "Go to pose"):
-                home = gui.add_button("Home", icon=viser.Icon.HOME, color="gray")
-                poses = gui.add_button_group(
-                    "Go to pose", tuple(name for name in console.robot.poses if name != "home")
-                )
-            goals: list[Disableable] = [
-                home,
-                poses,
-                session.command("Home", self._go_home, "Go to the home pose"),
-            ]
-            if console.robot.points:
-                with in_row(gui, "Go to point"):
-                    points = gui.add_button_group("Go to point", tuple(console.robot.points))
-                goals.append(points)
-                session.on(points.on_click, lambda: self._go_to_point(points.value))
-            session.needs(Need.HOLDING, *goals, hint="The arm goes there at once.")
+            self._add_goals()
         self._servos: Servos | None = None
         if has_servos(console.robot):
             with tabs.add_tab("Servos"):
@@ -200,6 +185,21 @@ class MainScreen:
         session.on(self._line.on_click, self._on_line)
         session.on(self._join.on_click, lambda: self._connect(self._choices[self._port.value]))
         session.on(self._homing.on_click, lambda: session.submit(HomeAxes()))
+
+    def _add_goals(self) -> None:
+        """Named poses and points, to which the arm goes at once."""
+        session, gui, robot = self._session, self._session.gui, self._session.console.robot
+        with in_row(gui, "Go to pose"):
+            home = gui.add_button("Home", icon=viser.Icon.HOME, color="gray")
+            poses = gui.add_button_group("Go to pose", tuple(one for one in robot.poses if one != "home"))
+        command = session.command("Home", self._go_home, "Go to the home pose")
+        goals: list[Disableable] = [home, poses, command]
+        if robot.points:
+            with in_row(gui, "Go to point"):
+                points = gui.add_button_group("Go to point", tuple(robot.points))
+            goals.append(points)
+            session.on(points.on_click, lambda: self._go_to_point(points.value))
+        session.needs(Need.HOLDING, *goals, hint="The arm goes there at once.")
         session.on(home.on_click, self._go_home)
         session.on(poses.on_click, lambda: self._go_to_pose(poses.value))
 
@@ -241,11 +241,10 @@ class MainScreen:
             )
 
     async def _on_line(self) -> None:
-        match self._line.value:
-            case "Rescan":
-                self._list(self._session.console.list_ports())
-            case _:
-                await self._disconnect()
+        if self._line.value == "Rescan":
+            self._list(self._session.console.list_ports())
+        else:
+            await self._disconnect()
 
     async def _disconnect(self) -> None:
         """Where that lets the arm drop, the first click asks, and a second one soon after disconnects."""
