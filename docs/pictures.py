@@ -190,7 +190,7 @@ def simulation(screen: Screen) -> None:
     screen.tick("Workspace cloud")
     screen.wait_for_text(re.compile("from the base axis"))
     screen.tick("Section")
-    screen.wait_for_text(re.compile("The red line"))
+    screen.wait_for_text(re.compile("The blue line"))
 
 
 def calibration(screen: Screen) -> None:

@@ -40,8 +40,9 @@ def test_results_tell_where_both_buttons_lead_and_what_is_outside(server: Guarde
     for how, goal in ((REFERENCE, asked), (SHOWN[0], asked), (LAST, HOME + asked), (SHOWN[1], HOME + asked)):
         assert np.array_equal(resulting_pose(how, asked, HOME), goal)
     angles = angle_fields(server.gui, ROBOT, asked)
-    html = results_html(ROBOT, angles, HOME)
-    assert "→ reference" in html and "→ last position" in html
+    told = results_html(ROBOT, angles, HOME)
+    assert "→ reference" in told.reference and "→ last position" in told.last
+    assert "class=bad" not in told.reference and "<td class=bad>180.0</td>" in told.last
     page = FakePage(server, ROBOT, HOME)
     screen = ForwardScreen(page.session)
     page.put("Shoulder °", "90")
@@ -55,12 +56,11 @@ def test_results_tell_where_both_buttons_lead_and_what_is_outside(server: Guarde
     page.put("Shoulder °", "half")
     assert screen._outside(LAST, page.session.snapshot) is None  # told elsewhere, and where it is pressed
     opened = results_html(ROBOT, angles, HOME, edited=False)
-    assert "now" in opened and "→ reference" not in opened and "outside" not in opened
-    assert "→ last position" in opened  # it is a way all the same
+    assert "now" in opened.now and "The fields follow the arm" in opened.notes
     angles.fields[2].handle.value = "<b>4x"
-    html = results_html(ROBOT, angles, HOME)
-    assert "Nothing can be sent: Elbow °: &#x27;&lt;b&gt;4x&#x27; is not a number" in html
-    assert "→" not in html
+    told = results_html(ROBOT, angles, HOME)
+    assert "Nothing can be sent: Elbow °: &#x27;&lt;b&gt;4x&#x27; is not a number" in told.notes
+    assert told.reference == told.last == ""
 
 
 def test_a_pose_in_figures_and_which_way_a_stretched_arm_cannot_go() -> None:

@@ -108,7 +108,7 @@ class Bench:
 
     def row(self, name: str) -> FloatArray | None:
         """(n,) what the row for a button says [degrees, to 0.1]; None: there is no such row."""
-        found = re.search(rf"<td[^>]*>{name}</td>((?:<td[^>]*>[^<]*</td>)+)", self.page.html)
+        found = re.search(rf"<td aria-label='{name}'>→</td>((?:<td[^>]*>[^<]*</td>)+)", self.page.html)
         if found is None:
             return None
         cells = re.findall(r">([^<]+)</td>", found.group(1).replace("−", "-"))

@@ -196,12 +196,16 @@ def _arranged(gui: viser.GuiApi, how: str) -> viser.GuiFormHandle:
     return container
 
 
-def field_grid(gui: viser.GuiApi) -> viser.GuiFormHandle:
-    """A container in which number fields stand three in a row, with their labels above.
+MOST_IN_A_ROW = 6
+"""number fields"""
+
+
+def field_grid(gui: viser.GuiApi, columns: int = 3) -> viser.GuiFormHandle:
+    """A container in which number fields stand so many in a row, with their labels above.
 
     Enter in a field is its ``on_submit``.
     """
-    return _arranged(gui, "grid")
+    return _arranged(gui, f"grid={columns}")
 
 
 def button_pairs(gui: viser.GuiApi) -> viser.GuiFormHandle:

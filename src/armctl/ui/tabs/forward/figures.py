@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from html import escape
+from typing import NamedTuple
 
 import numpy as np
 
@@ -50,6 +51,7 @@ _ROWS = ("vx mm/s", "vy mm/s", "vz mm/s", "ωx rad/s", "ωy rad/s", "ωz rad/s")
 _WAYS = (("out", "in"), ("left", "right"), ("up", "down"))
 _WAYS_ON_AXIS = (("along +x", "along −x"), ("along +y", "along −y"), ("up", "down"))
 _MISSED = 1e-6
+_INSIDE_RAD = 1e-9
 
 
 def pose_html(robot: Robot, q: FloatArray) -> str:
@@ -260,16 +262,24 @@ REFERENCE = "Go with respect to reference"
 LAST = "Go with respect to last position"
 PRESENT = "present pose (live)"
 SHOWN = ("angles as reference", "angles added to last position", PRESENT)
-_UNEDITED = (
-    "The fields follow the arm until you edit them. With respect to reference, it would stay where it is. "
-    "With respect to last position, the angles would be added to it."
-)
+_UNEDITED = "The fields follow the arm until you edit them."
 _TAKEN = "The fields show the next pose until you edit them."
 
 
 def resulting_pose(how: str, asked: FloatArray, present: FloatArray) -> FloatArray:
     """Where the arm would go: ``asked`` itself, or added to where it is commanded to be (n,) [rad]."""
     return present + asked if how in (LAST, SHOWN[1]) else asked
+
+
+class Results(NamedTuple):
+    """Where the arm is, and where each button would send it, as HTML; empty: nowhere."""
+
+    now: str
+    """with the names of the columns above it"""
+    reference: str
+    last: str
+    notes: str
+    """what the fields and the ghost show, and why nothing can be sent"""
 
 
 def results_html(
@@ -281,32 +291,40 @@ def results_html(
     unmet: Reason | None = None,
     ghost: str = "",
     taken: bool = False,
-) -> str:
+) -> Results:
     """A row for where the arm is, and one for where each button would send it.
 
     Before the fields are edited they hold the pose of the arm, which is the one with respect to reference.
     ``unmet``: why nothing can be sent although the angles are complete. ``ghost``: which of ``SHOWN`` is
     drawn; empty: none. ``taken``: the fields show a next pose that was written elsewhere.
     """
-    poses = {"now": present}
-    problems = muted(_TAKEN) if taken else "" if edited else muted(_UNEDITED)
+    reference = last = ""
+    notes = muted(_TAKEN) if taken else "" if edited else muted(_UNEDITED)
     try:
         asked = angles.array
         if unmet:
             raise UnreachableError(unmet)
     except ArmctlError as refusal:
-        problems = refused(f"Nothing can be sent: {refusal}.")
+        notes = refused(f"Nothing can be sent: {refusal}.")
     else:
-        for name, how in (("reference", REFERENCE), ("last position", LAST))[not edited :]:
-            poses[f"→ {name}"] = resulting_pose(how, asked, present)
-    head = ["", *(joint.title for joint in robot.joints), "x mm", "y mm", "z mm"]
-    rows = [
-        [name, *(fixed(v, 1) for v in (*robot.shown(q).tolist(), *(1000 * robot.forward(q)[:3, 3]).tolist()))]
-        for name, q in poses.items()
-    ]
-    html = table(head, rows, small=True)
+        reference = _goal_html(robot, "→ reference", resulting_pose(REFERENCE, asked, present))
+        last = _goal_html(robot, "→ last position", resulting_pose(LAST, asked, present))
     drawn = muted(f"The ghost shows the {ghost}.") if ghost else ""
-    return html + problems + drawn
+    names = (*(joint.title for joint in robot.joints), "X mm", "Y mm", "Z mm")
+    head = "".join(f"<th>{escape(name)}</th>" for name in names)
+    return Results(
+        _goal_html(robot, "now", present, f"<tr><td></td>{head}</tr>"), reference, last, notes + drawn
+    )
+
+
+def _goal_html(robot: Robot, name: str, q: FloatArray, head: str = "") -> str:
+    """A row of numbers at ``q`` (n,) [rad]: one that is outside the limits of its joint stands out."""
+    inside = (robot.limits[:, 0] - _INSIDE_RAD <= q) & (q <= robot.limits[:, 1] + _INSIDE_RAD)
+    marks = (*("" if ok else " class=bad" for ok in inside.tolist()), "", "", "")
+    values = (*robot.shown(q).tolist(), *(1000 * robot.forward(q)[:3, 3]).tolist())
+    cells = "".join(f"<td{mark}>{fixed(v, 1)}</td>" for mark, v in zip(marks, values, strict=True))
+    first = name.partition(" ")[0]
+    return f"<table class=armctl-goal>{head}<tr><td aria-label='{name}'>{first}</td>{cells}</tr></table>"
 
 
 def offers_html(why: Mapping[str, str | Reason | None]) -> str:

@@ -36,9 +36,10 @@ from armctl.ui.tabs.forward.figures import (
     results_html,
 )
 from armctl.ui.widgets.angle_fields import OrientationFields, angle_fields, held_at
-from armctl.ui.widgets.html import LiveHtml, muted, refused, sentence
+from armctl.ui.widgets.html import EMPTY_LINE, LiveHtml, muted, refused, sentence
 from armctl.ui.widgets.number_field import (
     MILLIMETRES,
+    MOST_IN_A_ROW,
     EditWatch,
     FieldArray,
     Following,
@@ -65,19 +66,22 @@ class ForwardScreen:
         gui = session.gui
         tabs = gui.add_tab_group()
         with tabs.add_tab("Angles and pose"):
-            with field_grid(gui):
+            with field_grid(gui, min(self._robot.n, MOST_IN_A_ROW)):
                 self._angles = angle_fields(gui, self._robot, session.snapshot.q_command)
             self._coupling = PoseCoupling(session, self._angles, self._on_coupled)
             self._fill_with = gui.add_button_group("Fill with", ("present pose", *self._robot.poses))
             self._movement = ProfileChoice(gui, session.on, MOVEMENTS)
+            self._now = LiveHtml(gui)
             absolute = gui.add_button(REFERENCE, icon=viser.Icon.PLAYER_PLAY, color="gray")
+            self._reference = LiveHtml(gui)
             relative = gui.add_button(LAST, icon=viser.Icon.PLAYER_PLAY, color="gray")
+            self._last = LiveHtml(gui)
             self._offers = {
                 how: session.needs(Need.HOLDING, button, also=partial(self._outside, how), told=False)
                 for how, button in ((REFERENCE, absolute), (LAST, relative))
             }
             self._why_not = LiveHtml(gui, NO_REASON)
-            self._results = LiveHtml(gui)
+            self._notes = LiveHtml(gui)
         with tabs.add_tab("Matrix and Jacobian"):
             self._shown = gui.add_dropdown("Show for", SHOWN, initial_value=SHOWN[0], hint=_SHOWN_NOTE)
             self._pose, self._jacobian = LiveHtml(gui), LiveHtml(gui)
@@ -195,19 +199,21 @@ class ForwardScreen:
             self._write(None if refusal is not None or shown == PRESENT else q)
         self._drawn = (*key[:5], next_pose.number, unmet)
         taken = self._writer.taken
-        self._results.show(
-            results_html(
-                self._robot,
-                self._angles,
-                present,
-                edited=edited or taken,
-                unmet=unmet,
-                ghost=self._said(q, shown),
-                taken=taken,
-            )
-            if edited or taken or not snapshot.busy
-            else muted(_MOVING)
+        told = results_html(
+            self._robot,
+            self._angles,
+            present,
+            edited=edited or taken,
+            unmet=unmet,
+            ghost=self._said(q, shown),
+            taken=taken,
         )
+        if not (edited or taken) and snapshot.busy:  # the fields hold where it was
+            told = told._replace(reference="", last="", notes=muted(_MOVING))
+        self._now.show(told.now)
+        self._reference.show(told.reference or EMPTY_LINE)
+        self._last.show(told.last or EMPTY_LINE)
+        self._notes.show(told.notes)
         if refusal is not None:
             why_not = refused(sentence(str(refusal)))
             self._pose.show(why_not)
@@ -239,6 +245,8 @@ class ForwardScreen:
 
 # Joint angles and tool pose, coupled both ways while they are typed.
 
+_POSE_FIELDS = 5
+"""X, Y, Z, pitch and roll stand in a row"""
 _PITCH_HINT = "Angle of the tool's axis above the horizontal: 0 level, −90 straight down."
 _DECIDED_HINT = "The position alone decides the pitch of this arm's tool."
 _ROLL_HINT = "Angle of the tool about its own axis: the roll joint's own angle."
@@ -352,9 +360,8 @@ class PoseCoupling:
         self._session, self._angles, self._changed = session, angles, changed
         self._robot = session.console.robot
         gui = session.gui
-        LiveHtml(gui, muted("Tool pose at these angles: type a pose, and the joint angles follow."))
         self._before: FloatArray = session.snapshot.q_command.copy()
-        with field_grid(gui):
+        with field_grid(gui, _POSE_FIELDS if not self._robot.orients_tool else 3):
             self.pose = PoseFields(gui, self._robot, self._before)
         self._line = LiveHtml(gui, visible=False)
         self._take = gui.add_button("Take nearest pose", color="orange", visible=False)

@@ -47,12 +47,12 @@ class SimulationScreen:
             self._body = BodyView(session.client.scene, session.spawn)
             self._marks = Marks(session.client.scene, session.console.robot)
             self._with_trail = gui.add_checkbox("Tool trail", initial_value=True)
-            clear = gui.add_button_group("Trail so far", ("Clear trail",))
             self._trail = session.console.shared(Trail)
             self._cleared = self._drawn = 0
             self._line = Lines(session.client.scene, "/trail", _TRAIL_COLOR, 2.5)
             self._workspace = WorkspaceView(session)
-        with gui.add_folder("Live target"):
+            clear = gui.add_button_group("Trail so far", ("Clear trail",))
+        with gui.add_folder("Drag a target"):
             self._live = LiveTarget(session)
         with gui.add_folder("Twin"):
             self._twin = TwinControl(session)

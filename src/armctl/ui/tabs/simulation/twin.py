@@ -30,7 +30,7 @@ FRAME_S = 1 / 30
 _LINGER_S = 2.0
 _COLOR = (240, 140, 0)
 _PROGRAM = "the program of Serial motion"
-_EXPORT = muted("Export: one file that plays this in any browser, without armctl and without a network.")
+_EXPORT_HINT = "One file that plays this in any browser, without armctl and without a network."
 _NO_TWIN = "no twin moves"
 _IDLE = "The orange twin rehearses <b>without the arm</b>."
 
@@ -67,8 +67,8 @@ class TwinControl:
         self._bar = gui.add_progress_bar(0.0, visible=False)
         session.needs(None, start, also=lambda _: self._no_steps(), anyone=True)
         session.needs(None, stop, also=lambda _: None if self._playing else _NO_TWIN, told=False, anyone=True)
-        self._export = gui.add_button("Export", icon=viser.Icon.DOWNLOAD, color="gray")
-        self._export_text = LiveHtml(gui, _EXPORT)
+        self._export = gui.add_button("Export", icon=viser.Icon.DOWNLOAD, color="gray", hint=_EXPORT_HINT)
+        self._export_text = LiveHtml(gui, visible=False)
         self._share: float | None = None
         """how much of an export is done; None: none is made"""
         session.needs(None, self._export, also=lambda _: self._no_file(), told=False, anyone=True)
@@ -78,9 +78,9 @@ class TwinControl:
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Show how far the twin is, and an export."""
-        self._export_text.show(
-            _EXPORT if self._share is None else muted(f"Making the file: {100 * self._share:.0f} %")
-        )
+        self._export_text.visible = self._share is not None
+        if self._share is not None:
+            self._export_text.show(muted(f"Making the file: {100 * self._share:.0f} %"))
         plan, elapsed = self._plan, self._elapsed_s
         self._bar.visible = plan is not None
         if plan is None:

@@ -35,7 +35,7 @@ _COLOURINGS = {
     "manipulability": "Yellow: the tool moves freely. Dark: near a singularity.",
 }
 _POINTS = 14_000
-_POINT_SIZE = 0.0025
+_POINT_SIZE = 0.0015
 """of the reach: small enough to see the arm through the cloud"""
 _RGB = (68, 33, 253), (1, 145, 231), (84, 140, 37)
 """each of low, middle, high"""
@@ -161,9 +161,9 @@ class WorkspaceView:
         gui = session.gui
         self._shell = ShellView(session)
         self._cloud = gui.add_checkbox("Workspace cloud", initial_value=False, hint=_CLOUD_HINT)
+        self._section = gui.add_checkbox("Section", initial_value=False, hint=_SECTION_HINT)
         self._colour = gui.add_dropdown("Coloured by", tuple(_COLOURINGS), visible=False)
         self._cloud_text = LiveHtml(gui, visible=False)
-        self._section = gui.add_checkbox("Section", initial_value=False, hint=_SECTION_HINT)
         self._plot, self._section_text = LiveHtml(gui, visible=False), LiveHtml(gui, visible=False)
         self._points: viser.PointCloudHandle | None = None
         self._lines = Lines(session.client.scene, "/section", _SECTION_COLOR, 2.5)
@@ -174,6 +174,7 @@ class WorkspaceView:
     def refresh(self, snapshot: Snapshot) -> None:
         """Let shell and section follow the arm."""
         self._shell.refresh(snapshot)
+        self._lines.set_visible(self._session.sees("Simulation"))
         model = self._model
         if model is None or not self._section.value:
             return
@@ -273,10 +274,10 @@ def cloud_html(robot: Robot, model: WorkspaceCloud, colouring: str) -> str:
 
 def section_words(model: WorkspaceCloud) -> str:
     """What the drawing shows."""
-    kind = "The red line is the exact boundary of what the pitch joints reach with the base standing still."
+    kind = "The blue line is the exact boundary of what the pitch joints reach with the base standing still."
     if not model.section.exact:
         kind = (
-            "Sampled: the red line goes around cells that hold a reachable point; the base turns each point "
+            "Sampled: the blue line goes around cells that hold a reachable point; the base turns each point "
         )
         kind += "into this plane."
     return (
@@ -343,7 +344,7 @@ def section_svg(outline: tuple[FloatArray, ...], arm: FloatArray, floor: float |
         _text(0.5 * (_LEFT + right), bottom + 30, "middle", "r mm"),
         _text(12, middle, "middle", "z mm", f"transform='rotate(-90 12 {middle:.1f})'"),
         f"<path d='{' '.join(f'M{path(line)}Z' for line in outline)}' fill='#1971c2' fill-opacity='.16' "
-        "fill-rule='evenodd' stroke='#e03131' stroke-width='1.6' stroke-linejoin='round'/>",
+        "fill-rule='evenodd' stroke='#5c768f' stroke-width='2' stroke-linejoin='round'/>",
     ]
     if floor is not None:
         _, level = drawn(0.0, floor)
