@@ -27,14 +27,17 @@ FOLDERS = {
     "kinematics": (51, 13_050),  # the workspace as a shell
     "motion": (21, 6_080),  # from one side; a tick samples its path in a third of the time
     "process": (15, 3_430),  # snapshots in a third of the time; who comes as it dies is served
-    "program": (24, 5_450),  # grids, a check of every path; calls, pick and place, messages, user frames
+    "program": (
+        24,
+        5_490,
+    ),  # pictures of steps, what a form folds away; grids; calls, pick and place, messages, user frames
     "protocol": (5, 1_260),  # what a line of the log is about
     "robot": (44, 12_180),  # tools of a URDF arm; gaps of hulls in two thirds of the time
     "runtime": (26, 6_630),  # joints let down, messages, which warnings a cause tells, tools; a jog rests
     "ui": (
-        108,
-        25_010,
-    ),  # a program that runs is followed under the scene; a table of the motors; all solutions as a table
+        109,
+        25_230,
+    ),  # a program that runs is followed under the scene; steps edited number by number; solutions as a table
 }
 """files and lines, at most"""
 _HOW = "make it smaller, or raise its number in test_budgets.py and say in the commit what a user got for it"

@@ -66,7 +66,7 @@ def test_what_it_may_not_hold_is_refused_everywhere(tmp_path: Path) -> None:
 def test_it_has_a_row_in_the_list_and_fields_in_the_form() -> None:
     step = BlinkStep(flashes=3)
     row = row_html("1", 0, step, 0)
-    assert "blink" in row and "3 flashes" in row
+    assert "Blink" in row and "3 flashes" in row
     texts = texts_of(step)
     assert list(texts) == ["Flashes", "Flash s", "roll_deg", "Note"]
     assert {"Flashes", "Flash s"} <= set(by_label(registry.all_keys()))

@@ -210,7 +210,15 @@ def test_a_step_is_edited_in_its_row_as_people_write_and_a_wrong_value_stays_wit
     expect(steps_list(page).locator("[data-set]")).to_have_count(0)
 
     rows(page).nth(2).dblclick(position=_WORD)
-    expect(page.entry("Point mm")).to_be_focused()
+    expect(steps_list(page).get_by_label("X mm")).to_be_focused()
+    page.page.keyboard.insert_text("−199,5")
+    page.page.keyboard.press("Tab")
+    page.wait_until(lambda: getattr(served.steps[2], "x_mm", None) == -199.5, "one number of the point")
+    expect(steps_list(page).get_by_label("X mm")).to_have_value("−199.5")
+    expect(steps_list(page).get_by_label("Y mm")).to_be_focused()
+    page.page.keyboard.press("Control+z")  # of the field, not of the list
+    steps_list(page).get_by_label("X mm").fill("200")
+    page.click("More", within=steps_list(page))
     page.type_into("Pitch °", "−30")
     page.wait_until(lambda: getattr(served.steps[2], "pitch_deg", None) == -30, "a real minus is read")
     page.type_into("Duration s", "2,25")
@@ -243,18 +251,25 @@ def test_a_step_is_edited_in_its_row_as_people_write_and_a_wrong_value_stays_wit
 def test_buttons_in_the_selected_row_do_what_keys_do(page: Screen, served: ServedArm) -> None:
     show(page, served, *waits(1, 2, 3))
     rows(page).nth(0).click(position=_WORD)
+    words, time = (rows(page).nth(0).locator(part) for part in (".does", ".lasts"))
+    pencil, before = page.button("Edit row 1").bounding_box(), words.bounding_box()
+    assert pencil is not None and before is not None and before["x"] + before["width"] <= pencil["x"]
+    expect(time).to_be_hidden()  # the buttons have its place
+    page.click("Edit row 1")
+    expect(page.entry("Wait time s")).to_have_value("1")
+    expect(time).to_be_visible()
     for button, after in (
         ("Move row 1 down", [2, 1, 3]),
         ("Move row 2 up", [1, 2, 3]),
         ("Duplicate row 1", [1, 1, 2, 3]),
-        ("Delete row 2", [1, 2, 3]),
     ):
         box = page.button(button).bounding_box()
         assert box is not None and min(box["width"], box["height"]) >= 28
         page.click(button)
         page.wait_until(lambda after=after: list(served.steps) == waits(*after), button)
-    page.click("Edit row 2")
-    expect(page.entry("Wait time s")).to_have_value("2")
+    rows(page).nth(1).click(position=_WORD)
+    page.click("Delete row 2")
+    page.wait_until(lambda: list(served.steps) == waits(1, 2, 3), "it is deleted")
 
 
 def test_a_block_is_added_filled_and_moved_by_keyboard_alone(page: Screen, served: ServedArm) -> None:
@@ -298,7 +313,7 @@ def test_focus_scroll_and_what_is_being_typed_survive_what_others_change(
     steps = waits(*range(1, 61))
     show(page, served, *steps)
     rows(page).nth(40).click(position=_WORD)
-    expect(page.button("Delete row 41")).to_be_visible()  # the row has its buttons, and is higher by them
+    expect(page.button("Delete row 41")).to_be_visible()
     before = steps_list(page).evaluate("list => list.scrollTop")
     assert before > 0
     served.put_steps(*steps[:50], by=OTHER)

@@ -104,7 +104,7 @@ def test_it_goes_through_files_and_tables(tmp_path: Path) -> None:
     assert load_program(tmp_path / "pick.toml") == what
     assert read_csv(write_csv(what, ROBOT), ROBOT, "pick") == what
     assert what.steps[0].describe() == "2 rows × 3 columns, snake"
-    assert ABOVE.describe().startswith("(0, 0, 30) mm from the cell")
+    assert ABOVE.describe().startswith("0, 0, 30 mm from the cell")
     with pytest.raises(ProgramError, match="step 1: no call of Arm does what a 'grid' step does"):
         write_script(what)
 

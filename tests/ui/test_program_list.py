@@ -120,7 +120,7 @@ def test_a_row_says_its_step_escapes_its_note_and_is_indented_in_a_block(page: L
     assert "&lt;img src=x" in page.rows[0]
     assert page.marked("--in:1") == [2] and page.marked("--in") == [2]
     assert [re.findall("<b role=gridcell>(.*?)</b>", row) for row in page.rows] == [
-        ["wait"], ["repeat"], ["wait"], ["end"]
+        ["Wait"], ["Repeat"], ["Wait"], ["End"]
     ]  # fmt: skip
     assert "Record pose" not in page.parts[PART]
     page.put()
@@ -190,7 +190,7 @@ def test_steps_are_added_from_a_menu_nested_and_opened_to_be_edited(page: ListPa
 )
 def test_a_row_calls_a_step_as_the_menu_does(step: Step, label: str) -> None:
     assert type(step).button[1] == label
-    named = label.removeprefix("Record ").lower()
+    named = label.removeprefix("Record ").capitalize()
     assert f"<b role=gridcell>{named}</b>" in row_html("7", 0, step, 0)
 
 
@@ -199,7 +199,7 @@ def test_the_fields_of_a_new_step_open_wherever_it_goes(page: ListPage) -> None:
     page.do("step", 1)
     page.editor.where = PLACES[1]
     add_from_menu(page, "Wait and tell", "Message")
-    assert page.marked("armctl-fields") == page.marked("<b role=gridcell>message") == [1]
+    assert page.marked("armctl-fields") == page.marked("<b role=gridcell>Message") == [1]
     assert page.editor.selected == 2  # what is put before it keeps its order
     page.do("step-done", page.shared.keys[1])
     page.do("step", 1)
@@ -328,6 +328,25 @@ def test_fields_are_in_the_row_that_is_edited_and_saved_as_typed(page: ListPage)
     page.do("step-edit", 1)
     page.do("step", 0)
     assert page.marked("data-set") == []
+
+
+def test_one_number_of_a_place_is_saved_and_the_fold_of_a_form_opens_and_closes(page: ListPage) -> None:
+    page.put(PointStep(x_mm=200, y_mm=0, z_mm=85))
+    page.do("step-edit", 0)
+    key = page.shared.keys[0]
+    page.do("step-set", f"{key}.0:y_mm", "−12,5")
+    assert page.shared.program.steps == (PointStep(x_mm=200, y_mm=-12.5, z_mm=85),)
+    page.do("step-set", f"{key}.0", "1, 2, 3")  # as one text, too
+    assert page.shared.program.steps == (PointStep(x_mm=1, y_mm=2, z_mm=3),)
+    page.do("step-set", f"{key}.0:q_mm", "7")
+    page.do("step-set", f"{key}.9:y_mm", "7")
+    assert page.shared.program.steps == (PointStep(x_mm=1, y_mm=2, z_mm=3),)
+    assert page.marked("Choose by") == []
+    page.do("step-more", key)
+    assert page.marked("Choose by") == [0]
+    page.do("step-more", key)
+    page.do("step-more", "nonsense")
+    assert page.marked("Choose by") == []
 
 
 def test_a_field_shows_what_counts_also_where_nothing_has_changed(page: ListPage) -> None:

@@ -143,7 +143,7 @@ def test_a_point_is_chosen_by_torque_only_where_masses_of_links_are_known() -> N
     uzuner = load_robot("uzuner")
     bare = replace(uzuner, gravity=replace(uzuner.gravity, bodies=()))
     for robot, offered in ((uzuner, CRITERIA), (bare, CRITERIA[:-1])):
-        html = StepEdit("1").html(POINT, robot)
+        html = StepEdit("1", more=True).html(POINT, robot)
         (choice,) = re.findall("<label[^>]*>Choose by</label><select.*?</select>", html)
         assert tuple(re.findall("<option[^>]*>(.*?)</option>", choice)) == offered
 
@@ -182,7 +182,7 @@ def test_names_are_offered_where_there_are_any(tmp_path: Path) -> None:
     html = StepEdit("1").html(call, robot, KnownNames(saved=["grip", "turn"]))
     assert offered(html, "Program") == ["grip", "turn", "gone"]
     assert "<select" not in StepEdit("1").html(call, robot)
-    html = StepEdit("1").html(pick, robot)
+    html = StepEdit("1", more=True).html(pick, robot)
     assert offered(html, "Output") == ["–", "lamp", "pump", "bell"]
     assert offered(html, "Part input") == ["–", "button", "door", "knob"]
     assert offered(html, "Along") == ["base", "tool"]
@@ -211,11 +211,57 @@ def test_what_is_wrong_with_the_step_is_said_below_its_fields(tmp_path: Path) ->
 def test_a_place_has_a_button_that_puts_the_tool_there(tmp_path: Path) -> None:
     robot, grid = robot_with(tmp_path), step_here(GridStep, load_robot("uzuner"), cast(Snapshot, HERE))
     html = StepEdit("7").html(grid, robot)
-    assert re.findall("aria-label='(.*?): where the tool is now'", html) == [
+    assert re.findall("aria-label='([^']*): where the tool is now'", html) == [
         "First cell mm", "Row end mm", "Column end mm"
     ]  # fmt: skip
-    assert "data-do=step-touch data-key=7.0 " in html
+    assert "data-do=step-touch data-key=7.0 " in html and html.count("<label") == 3 * 3 + 2
     drawn = StepEdit("7").html(
         DrawStep(file="/p/b.svg", plane_mm=(0.0,) * 9), robot, KnownNames(drawings=["/p/a.svg", "/p/b.svg"])
     )
     assert offered(drawn, "File") == ["a.svg", "b.svg"] and "<option value='/p/a.svg'>" in drawn
+
+
+def test_a_place_and_the_joints_have_a_box_for_each_number_and_the_others_keep_all_digits() -> None:
+    robot, point = load_robot("uzuner"), PointStep(x_mm=200, y_mm=-80.12345, z_mm=140)
+    html = StepEdit("7").html(point, robot)
+    assert re.findall("<label[^>]*>(.*?)</label>", html) == ["X mm", "Y mm", "Z mm", "Duration s"]
+    assert re.findall("value='(.*?)'", html)[:3] == ["200.0", "−80.123", "140.0"]
+    edit = StepEdit("7")
+    assert edit.take_part(point, "Point mm", "y_mm", "−80.123", robot) is point  # as it was shown
+    assert edit.take_part(point, "Point mm", "x_mm", " -12,5", robot) == msgspec.structs.replace(
+        point, x_mm=-12.5
+    )
+    assert edit.take_part(point, "Point mm", "w_mm", "1", robot) is point
+    html = StepEdit("7").html(MOVE, robot)
+    joints = [f"{joint.title} °" for joint in robot.joints]
+    assert re.findall("<label[^>]*>(.*?)</label>", html) == [*joints, "Duration s"]
+    moved = edit.take_part(MOVE, "Angles °", "1", "45", robot)
+    assert moved == msgspec.structs.replace(MOVE, joints_deg=(0.12345, 45, -80, -40, 0))
+    short = MoveStep(joints_deg=(1, 2))  # of another arm: as one text
+    assert "value='1, 2'" in edit.html(short, robot) and "Angles °" in edit.html(short, robot)
+
+
+def test_a_box_that_is_refused_keeps_what_is_typed_beside_those_that_count() -> None:
+    robot, edit = load_robot("uzuner"), StepEdit("7")
+    assert edit.take_part(POINT, "Point mm", "y_mm", "wide", robot) is POINT
+    html = edit.html(POINT, robot)
+    assert "value='wide'" in html and "value='200.0'" in html and "Discard" in html
+    assert html.count("aria-invalid") == 1 and "Y mm: 'wide' is not a number</em>" in html.replace(
+        "&#x27;", "'"
+    )
+    taken = edit.take_part(POINT, "Point mm", "y_mm", "3", robot)
+    assert taken == msgspec.structs.replace(POINT, y_mm=3) and not edit.refusals and not edit.typed
+
+
+def test_what_is_seldom_needed_is_folded_away_until_something_stands_there() -> None:
+    robot, blended = load_robot("uzuner"), msgspec.structs.replace(POINT, blend_mm=5)
+    assert "Blend mm" not in StepEdit("7").html(POINT, robot)
+    assert "Blend mm" not in StepEdit("7").html(msgspec.structs.replace(POINT, note="above"), robot)
+    assert "Blend mm" in StepEdit("7").html(blended, robot)
+    assert "Blend mm" not in StepEdit("7", more=False).html(blended, robot)
+    assert "Blend mm" in StepEdit("7", more=True).html(POINT, robot)
+    edit = StepEdit("7", more=False)
+    edit.take(POINT, "Blend mm", "x")
+    assert "Blend mm" in edit.html(POINT, robot)  # with its reason
+    html = StepEdit("7").html(EndStep(), robot)
+    assert "Note" in html and "step-more" not in html  # it has nothing else

@@ -78,7 +78,7 @@ def test_the_motion_in_the_page_is_the_planned_one() -> None:
     jaws = [first for name, first in data["tracks"] if "/jaw" in name]
     assert len(jaws) == 2 and np.ptp(columns[jaws[0] : jaws[0] + 7]) > 0.01  # from half open to closed
     assert [begins for begins, _ in data["steps"]] == [step.begins for step in plan.steps]
-    assert data["steps"][2][1].startswith("Step 3 of 5: line (220, 60, 120) mm")
+    assert data["steps"][2][1].startswith("Step 3 of 5: line 220, 60, 120 mm")
 
 
 def test_what_is_carried_is_shown_from_when_it_is_gripped() -> None:

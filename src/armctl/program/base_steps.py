@@ -53,6 +53,10 @@ class Field:
     """what a step has to watch for the form to show the field; empty: it is always shown"""
     touched: bool = False
     """of X, Y and Z: the form can put the place there at which the tool is"""
+    a_joint: bool = False
+    """of numbers: one for each joint"""
+    more: bool = False
+    """seldom needed: the form folds it away"""
 
 
 KeyForm = Literal["number", "integer", "numbers", "text", "choice"]
@@ -94,15 +98,6 @@ def keys_of(kind: type[msgspec.Struct]) -> tuple[Key, ...]:
         choices = shown.choices or (get_args(plain) if form == "choice" else ())
         keys.append(Key(one.name, shown, form, choices, optional, one.default, shown.head or one.name))
     return tuple(sorted(keys, key=lambda key: key.field.place))
-
-
-def places_of(step: Step) -> dict[str, tuple[str, ...]]:
-    """The labels of the fields of a step that are a place, and the keys of its X, Y and Z."""
-    found: dict[str, tuple[str, ...]] = {}
-    for key in keys_of(type(step)):
-        if key.field.touched:
-            found[key.field.label] = (*found.get(key.field.label, ()), key.name)
-    return found
 
 
 def literal(value: object) -> str:
@@ -264,7 +259,9 @@ class Step(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="d
     """group and name by which it is put on the list, and the keys that need a value then; empty: not alone"""
     handles: ClassVar[bool] = False
     """it takes a part, or lets it go: by the gripper, or by an output"""
-    note: Annotated[str, Field("Note", place=99)] = ""
+    icon: ClassVar[str] = "step"
+    """name of its picture in the list (``ui/tabs/manual/program_row.py``)"""
+    note: Annotated[str, Field("Note", place=99, more=True)] = ""
 
     @property
     def kind(self) -> str:
@@ -366,7 +363,9 @@ class MotionStep(Step, frozen=True, kw_only=True):
 
     duration_s: Annotated[Seconds | None, Field("Duration s", FASTEST, 9)] = None
     """None: as fast as the limits allow"""
-    blend_mm: Annotated[float, Meta(ge=0, le=WIDEST_BLEND_MM), Field("Blend mm", _BLEND_HINT, 10)] = 0.0
+    blend_mm: Annotated[
+        float, Meta(ge=0, le=WIDEST_BLEND_MM), Field("Blend mm", _BLEND_HINT, 10, more=True)
+    ] = 0.0
     """how far from its end the tool may begin to turn off towards the next step; 0: it stops there"""
 
     def moved(self, T: FloatArray) -> MotionStep:

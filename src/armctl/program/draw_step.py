@@ -39,7 +39,9 @@ _SHIFT_HINT = (
     "Where the lower left corner of the drawing is on the plane: to the right of the origin, and up."
 )
 _PITCH_HINT = "Of the pen. Empty: straight onto the plane where the arm can, else tilted as little as serves."
-_Shift = Annotated[Annotated[float, Meta(ge=-WIDEST_MM, le=WIDEST_MM)], Field("Shift mm", _SHIFT_HINT, 43)]
+_Shift = Annotated[
+    Annotated[float, Meta(ge=-WIDEST_MM, le=WIDEST_MM)], Field("Shift mm", _SHIFT_HINT, 43, more=True)
+]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,6 +55,7 @@ class DrawStep(MotionStep, frozen=True, kw_only=True, tag="draw"):
     """Draw an SVG or G-code file on a plane; what is out of reach is named before, and left out."""
 
     leads_tool: ClassVar[bool] = True
+    icon: ClassVar = "draw"
     button: ClassVar = ("Record tool", "Drawing", "file", "plane_mm")
 
     file: Annotated[
@@ -71,7 +74,7 @@ class DrawStep(MotionStep, frozen=True, kw_only=True, tag="draw"):
         float, Meta(gt=0, le=HIGHEST_LIFT_MM), Field("Lift mm", "How high the pen is between strokes.", 45)
     ] = 10.0
     pen_pitch_deg: Annotated[
-        Annotated[float, Meta(ge=-90, le=90)] | None, Field("Pen pitch °", _PITCH_HINT, 46)
+        Annotated[float, Meta(ge=-90, le=90)] | None, Field("Pen pitch °", _PITCH_HINT, 46, more=True)
     ] = None
 
     def _goal(self) -> str:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError, ProgramError
-from armctl.program.base_steps import BlockStep, Step, places_of
+from armctl.program.base_steps import BlockStep, Step, keys_of
 from armctl.program.frames import BASE, MOST_FRAMES, NAME_OF_FRAME, FrameStep, Placing, UserFrame
 from armctl.program.logic_steps import EndStep
 from armctl.program.program import Blocks, Program
@@ -77,6 +77,15 @@ def grid_around(program: Program, row: int) -> BlockStep | None:
         block = program.steps[begin]
         if begin < row <= end and isinstance(block, BlockStep) and block.cell(0) is not None:
             found = block  # an outer one begins, and is found, before an inner one
+    return found
+
+
+def places_of(step: Step) -> dict[str, tuple[str, ...]]:
+    """The labels of the fields of a step that are a place, and the keys of its X, Y and Z."""
+    found: dict[str, tuple[str, ...]] = {}
+    for key in keys_of(type(step)):
+        if key.field.touched:
+            found[key.field.label] = (*found.get(key.field.label, ()), key.name)
     return found
 
 

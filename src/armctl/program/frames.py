@@ -133,6 +133,7 @@ class FrameStep(Step, frozen=True, kw_only=True, tag="frame"):
     an orientation that is given in angles. A pitch or a roll stays that of the arm: above the horizontal.
     """
 
+    icon: ClassVar = "frame"
     acts: ClassVar[bool] = False
     button: ClassVar = ("Program", "Frame", "frame")
 

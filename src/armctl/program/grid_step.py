@@ -36,6 +36,7 @@ class GridStep(BlockStep, frozen=True, kw_only=True, tag="grid"):
     where they are, such as the place that parts are picked from.
     """
 
+    icon: ClassVar = "grid"
     acts: ClassVar[bool] = False
     button: ClassVar = ("Decide and repeat", "Grid", *_PLACES, "rows", "columns")
 
@@ -50,10 +51,12 @@ class GridStep(BlockStep, frozen=True, kw_only=True, tag="grid"):
     column_z_mm: _ColumnEnd
     rows: Annotated[_Count, Field("Rows", place=72)]
     columns: Annotated[_Count, Field("Columns", "Cells in each row.", 73)]
-    layers: Annotated[_Count, Field("Layers", "On top of each other.", 74)] = 1
-    layer_mm: Annotated[float, Field("Layer mm", "Height of a layer; below 0: from the top down.", 75)] = 0.0
+    layers: Annotated[_Count, Field("Layers", "On top of each other.", 74, more=True)] = 1
+    layer_mm: Annotated[
+        float, Field("Layer mm", "Height of a layer; below 0: from the top down.", 75, more=True)
+    ] = 0.0
     """along Z of the frame; the corners are those of the first layer"""
-    order: Annotated[Order, Field("Order", "snake: every other row backwards.", 76)] = "rows"
+    order: Annotated[Order, Field("Order", "snake: every other row backwards.", 76, more=True)] = "rows"
     """rows: along each row; columns: along each column; snake: along rows, every other one backwards"""
 
     @property

@@ -21,6 +21,7 @@ _Count = Annotated[int, Meta(ge=-LARGEST_COUNT, le=LARGEST_COUNT)]
 class RepeatStep(BlockStep, frozen=True, kw_only=True, tag="repeat"):
     """Run the steps as far as the matching ``end`` several times."""
 
+    icon: ClassVar = "loop"
     acts: ClassVar[bool] = False
     words: ClassVar = "{0.times} times"
     button: ClassVar = ("Decide and repeat", "Repeat", "times")
@@ -54,6 +55,7 @@ class IfStep(_AskingStep, frozen=True, kw_only=True, tag="if"):
     """Run the steps as far as ``else`` or ``end`` if something holds; those behind ``else`` if not."""
 
     again: ClassVar[bool] = False
+    icon: ClassVar = "branch"
     button: ClassVar = ("Decide and repeat", "If", *CONDITION)
 
     @property
@@ -69,6 +71,7 @@ class IfStep(_AskingStep, frozen=True, kw_only=True, tag="if"):
 class ElseStep(Step, frozen=True, kw_only=True, tag="else"):
     """The steps as far as ``end`` run if the condition of the ``if`` did not hold."""
 
+    icon: ClassVar = "branch"
     acts: ClassVar[bool] = False
     divides: ClassVar[bool] = True
     button: ClassVar = ("Decide and repeat", "Else")
@@ -77,6 +80,7 @@ class ElseStep(Step, frozen=True, kw_only=True, tag="else"):
 class WhileStep(_AskingStep, frozen=True, kw_only=True, tag="while"):
     """Run the steps as far as ``end`` again and again, as long as something holds ahead of each pass."""
 
+    icon: ClassVar = "loop"
     button: ClassVar = ("Decide and repeat", "While", *CONDITION)
 
     most: Annotated[
@@ -104,6 +108,7 @@ class WhileStep(_AskingStep, frozen=True, kw_only=True, tag="while"):
 class EndStep(Step, frozen=True, kw_only=True, tag="end"):
     """End of the block that the last open ``repeat``, ``if`` or ``while`` began."""
 
+    icon: ClassVar = "end"
     acts: ClassVar[bool] = False
     closes: ClassVar[bool] = True
     words: ClassVar = "of the block"
@@ -112,6 +117,7 @@ class EndStep(Step, frozen=True, kw_only=True, tag="end"):
 class CountStep(Step, frozen=True, kw_only=True, tag="count"):
     """Add to a counter, or set it. Each pass of a program begins with all counters at 0."""
 
+    icon: ClassVar = "count"
     button: ClassVar = ("Decide and repeat", "Count", "counter", "add")
 
     counter: Annotated[_CounterName, Field("Counter", "Its name: any word.", 60)]
@@ -154,6 +160,7 @@ class CallStep(Step, frozen=True, kw_only=True, tag="call"):
     the speed that it sets ends with it.
     """
 
+    icon: ClassVar = "call"
     words: ClassVar = "{0.program}"
     button: ClassVar = ("Program", "Call", "program")
 

@@ -18,6 +18,7 @@ _GOES_ON_HINT = "at OK: the arm stands until the operator presses OK; at once: i
 class MessageStep(Step, frozen=True, kw_only=True, tag="message"):
     """Tell the person something, on all pages, on the terminal and in the log; stand until OK."""
 
+    icon: ClassVar = "message"
     call: ClassVar = ("message", "text", "goes_on", "timeout_s", "otherwise")
     button: ClassVar = ("Wait and tell", "Message", "text")
 

@@ -36,19 +36,21 @@ PointKey = Annotated[float, Field("Point mm", _POINT_HINT, 1, touched=True)]
 _ViaPoint = Annotated[float, Field("Via mm", _VIA_HINT, 2, touched=True)]
 _Mode = Annotated[
     PitchMode | None,
-    Field("Tool pitch", "Tool pitch on the way.", 3, "pitch_mode", TURN_MODES, "kept", "pitch"),
+    Field("Tool pitch", "Tool pitch on the way.", 3, "pitch_mode", TURN_MODES, "kept", "pitch", more=True),
 ]
-PitchKey = Annotated[float | None, Field("Pitch °", _PITCH_HINT, 4, turn="pitch")]
+PitchKey = Annotated[float | None, Field("Pitch °", _PITCH_HINT, 4, turn="pitch", more=True)]
 _Turn = Annotated[
     TurnMode | None,
-    Field("Tool orientation", _TURN_HINT, 3, choices=TURN_MODES, left_open="kept", turn="orientation"),
+    Field(
+        "Tool orientation", _TURN_HINT, 3, choices=TURN_MODES, left_open="kept", turn="orientation", more=True
+    ),
 ]
-AngleKey = Annotated[float | None, Field("Rx Ry Rz °", _RPY_HINT, 4, turn="orientation")]
+AngleKey = Annotated[float | None, Field("Rx Ry Rz °", _RPY_HINT, 4, turn="orientation", more=True)]
 RollKey = Annotated[
-    float | None, Field("Roll °", "Tool roll at the end. Empty: as it comes.", 5, turn="pitch")
+    float | None, Field("Roll °", "Tool roll at the end. Empty: as it comes.", 5, turn="pitch", more=True)
 ]
 CriterionKey = Annotated[
-    str, Field("Choose by", "Which of the solutions is taken.", 6, choices=tuple(CRITERIA))
+    str, Field("Choose by", "Which of the solutions is taken.", 6, choices=tuple(CRITERIA), more=True)
 ]
 _PROFILE_HINT = (
     "Law of the motion over time. end-plus, end-minus: a cubic that comes to its end from one side, each "
@@ -56,12 +58,20 @@ _PROFILE_HINT = (
 )
 _Profile = Annotated[
     Literal[ProfileName, OneSided],
-    Field("Profile", _PROFILE_HINT, 7),
+    Field("Profile", _PROFILE_HINT, 7, more=True),
 ]
 ToolSpeedKey = Annotated[Annotated[float, Meta(gt=0)] | None, Field("Tool speed mm/s", FASTEST, 8)]
 FrameKey = Annotated[
     Literal["cell"] | None,
-    Field("Frame", "cell: points begin at the cell of the grid around it.", 11, "frame", ("cell",), "base"),
+    Field(
+        "Frame",
+        "cell: points begin at the cell of the grid around it.",
+        11,
+        "frame",
+        ("cell",),
+        "base",
+        more=True,
+    ),
 ]
 END, VIA = ("x_mm", "y_mm", "z_mm"), ("via_x_mm", "via_y_mm", "via_z_mm")
 RPY = ("rx_deg", "ry_deg", "rz_deg")
@@ -73,10 +83,13 @@ _LED = ("pitch", "pitch_deg", "orientation", "rpy_deg", "speed_mm_s", "duration_
 class MoveStep(MotionStep, frozen=True, kw_only=True, tag="move"):
     """Go to joint angles [degrees], in the order of the robot's joints."""
 
+    icon: ClassVar = "joints"
     call: ClassVar = ("go_joints", "joints_deg", "duration_s", "profile", "blend_mm")
     button: ClassVar = ("Record", "Record pose", "joints_deg")
 
-    joints_deg: Annotated[tuple[float, ...], Field("Angles °", "One angle a joint, separated by commas.", 0)]
+    joints_deg: Annotated[
+        tuple[float, ...], Field("Angles °", "One angle a joint, separated by commas.", 0, a_joint=True)
+    ]
     profile: _Profile = "cubic"
 
     @property
@@ -128,6 +141,7 @@ class _Oriented:
 class PointStep(_Oriented, MotionStep, frozen=True, kw_only=True, tag="point"):
     """Put the tool on a point [mm] by inverse kinematics, joint by joint."""
 
+    icon: ClassVar = "point"
     call: ClassVar = (
         "go", *END, "pitch_deg", "roll_deg", "rpy_deg", "choose", "duration_s", "profile", "blend_mm",
     )  # fmt: skip
@@ -285,6 +299,7 @@ class _LeadsTool(_Oriented):
 class LineStep(_LeadsTool, MotionStep, frozen=True, kw_only=True, tag="line"):
     """Lead the tool to a point [mm] in a straight line, on the branch the arm is on."""
 
+    icon: ClassVar = "line"
     call: ClassVar = ("line", *END, *_LED)
     button: ClassVar = ("Record tool", "Line", *END, "pitch", "orientation", *RPY)
 
@@ -309,6 +324,7 @@ class LineStep(_LeadsTool, MotionStep, frozen=True, kw_only=True, tag="line"):
 class ArcStep(_LeadsTool, MotionStep, frozen=True, kw_only=True, tag="arc"):
     """Lead the tool along a circular arc through a point to another [mm]; the rest as in a line."""
 
+    icon: ClassVar = "arc"
     button: ClassVar = ("Record tool", "Arc", *VIA, *END, "pitch", "orientation", *RPY)
     points: ClassVar = (VIA, END)
 
@@ -364,7 +380,7 @@ def _listed(values: Sequence[float]) -> str:
 
 def place_words(step: object, keys: Sequence[str]) -> str:
     """A point in words."""
-    return f"({_listed(_values(step, keys))}) mm"
+    return f"{_listed(_values(step, keys))} mm"
 
 
 def frame_words(frame: str | None) -> str:

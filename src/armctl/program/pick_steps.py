@@ -155,9 +155,9 @@ class _HandlingStep(Step, frozen=True, kw_only=True):
     x_mm: PointKey
     y_mm: PointKey
     z_mm: PointKey
-    approach_mm: Annotated[_Way, Field("Approach mm", "How far straight to the point.", 2)] = 50.0
-    retreat_mm: Annotated[_Way | None, Field("Retreat mm", _RETREAT_HINT, 2)] = None
-    along: Annotated[Along, Field("Along", _ALONG_HINT, 3)] = "base"
+    approach_mm: Annotated[_Way, Field("Approach mm", "How far straight to the point.", 2, more=True)] = 50.0
+    retreat_mm: Annotated[_Way | None, Field("Retreat mm", _RETREAT_HINT, 2, more=True)] = None
+    along: Annotated[Along, Field("Along", _ALONG_HINT, 3, more=True)] = "base"
     pitch_deg: PitchKey = None
     roll_deg: RollKey = None
     rx_deg: AngleKey = None
@@ -167,12 +167,14 @@ class _HandlingStep(Step, frozen=True, kw_only=True):
     speed_mm_s: ToolSpeedKey = None
     """of the straight ways; None: as fast as the limits allow"""
     frame: FrameKey = None
-    output: Annotated[SignalNameOrNone, Field("Output", _OUTPUT_HINT, 60, offers="outputs")] = ""
+    output: Annotated[SignalNameOrNone, Field("Output", _OUTPUT_HINT, 60, offers="outputs", more=True)] = ""
     """on: it grips; empty: the gripper does"""
-    seconds: Annotated[Seconds, Field("Wait time s", "At the part.", 61, head="wait_s")] = 0.0
-    part_input: Annotated[SignalNameOrNone, Field("Part input", _INPUT_HINT, 62, offers="inputs")] = ""
+    seconds: Annotated[Seconds, Field("Wait time s", "At the part.", 61, head="wait_s", more=True)] = 0.0
+    part_input: Annotated[
+        SignalNameOrNone, Field("Part input", _INPUT_HINT, 62, offers="inputs", more=True)
+    ] = ""
     """name of an input that is 1 while a part is held, and is waited for; empty: none"""
-    timeout_s: Annotated[LongestWait, Field("Time-out s", "Of the part input.", 64)] = 2.0
+    timeout_s: Annotated[LongestWait, Field("Time-out s", "Of the part input.", 64, more=True)] = 2.0
     otherwise: AtTimeout = "stop"
 
     @property
@@ -268,11 +270,12 @@ class _HandlingStep(Step, frozen=True, kw_only=True):
 class PickStep(HoldsPart, _HandlingStep, frozen=True, kw_only=True, tag="pick"):
     """Take a part: approach it, go straight to it, grip, see that it is held, go straight away."""
 
+    icon: ClassVar = "pick"
     call: ClassVar = ("pick", *END, *_CALL, "ready_percent", "close_percent", "part_mm", *_CALL_END)
     button: ClassVar = ("Pick and place", "Pick", *_TARGET, "close_percent", *EDGES)
 
     ready_percent: Annotated[
-        _Percent | None, Field("Open first %", "Ahead of the approach. Empty: as it is.", 52)
+        _Percent | None, Field("Open first %", "Ahead of the approach. Empty: as it is.", 52, more=True)
     ] = None
     close_percent: Annotated[_Percent, Field("Close to %", "0 closed; of the gripper.", 53)] = 0.0
     part_x_mm: EdgeKey = None
@@ -310,6 +313,7 @@ class PickStep(HoldsPart, _HandlingStep, frozen=True, kw_only=True, tag="pick"):
 class PlaceStep(_HandlingStep, frozen=True, kw_only=True, tag="place"):
     """Put a part down: approach the place, go straight to it, let go, see that it is gone, go away."""
 
+    icon: ClassVar = "place"
     call: ClassVar = ("place", *END, *_CALL, "open_percent", *_CALL_END)
     button: ClassVar = ("Pick and place", "Place", *_TARGET)
 

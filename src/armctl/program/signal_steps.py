@@ -25,6 +25,7 @@ AtTimeout = Annotated[Otherwise, Field("At time-out", "What the program does the
 class SetStep(Step, frozen=True, kw_only=True, tag="set"):
     """Switch an output of the board: a lamp, a valve, a pump. The arm stands meanwhile."""
 
+    icon: ClassVar = "output"
     words: ClassVar = "{0.output} = {0.value:g}"
     call: ClassVar = ("set_output", "output", "value")
     button: ClassVar = ("In and out", "Set output", "output")
@@ -95,6 +96,7 @@ class ConditionStep(Step, frozen=True, kw_only=True):
 class WaitForStep(ConditionStep, frozen=True, kw_only=True, tag="wait-for"):
     """Stand until an input has a value, or a quantity of a joint is above or below one."""
 
+    icon: ClassVar = "input"
     call: ClassVar = ("wait_for", "watch", "value", "timeout_s", "joint", "compare", "trigger", "otherwise")
     button: ClassVar = ("In and out", "Wait until", *CONDITION, "timeout_s")
 

@@ -42,6 +42,7 @@ class HoldsPart:
 class WaitStep(Step, frozen=True, kw_only=True, tag="wait"):
     """Stand still."""
 
+    icon: ClassVar = "wait"
     words: ClassVar = "{0.seconds:g} s"
     call: ClassVar = ("wait", "seconds")
     button: ClassVar = ("Wait and tell", "Wait", "seconds")
@@ -60,6 +61,7 @@ class GripperStep(HoldsPart, Step, frozen=True, kw_only=True, tag="gripper"):
     The steps after it are checked with the part that is between the jaws then.
     """
 
+    icon: ClassVar = "gripper"
     call: ClassVar = ("gripper", "open_percent", "part_mm")
     button: ClassVar = ("Record", "Record gripper", "open_percent", *EDGES)
 
@@ -98,6 +100,7 @@ class ToolStep(Step, frozen=True, kw_only=True, tag="tool"):
     it. It stays on as a thing does: in later passes, and behind a called program that has put it on.
     """
 
+    icon: ClassVar = "tool"
     words: ClassVar = "{0.tool} from here on"
     call: ClassVar = ("set_tool", "tool")
     button: ClassVar = ("Program", "Tool", "tool")
@@ -121,6 +124,7 @@ class ToolStep(Step, frozen=True, kw_only=True, tag="tool"):
 class SpeedStep(Step, frozen=True, kw_only=True, tag="speed"):
     """Run the steps after it at a percentage of their speed, on top of the operator's override."""
 
+    icon: ClassVar = "speed"
     words: ClassVar = "{0.percent:g} % from here on"
     call: ClassVar = ("set_speed", "percent")
     button: ClassVar = ("Program", "Speed", "percent")

@@ -19,6 +19,7 @@ from armctl.program.standing_steps import GripperStep, SpeedStep, ToolStep, Wait
 class CommentStep(Step, frozen=True, kw_only=True, tag="comment"):
     """Nothing: its note is for people."""
 
+    icon: ClassVar = "comment"
     acts: ClassVar[bool] = False
     button: ClassVar = ("Program", "Comment")
 

@@ -111,9 +111,17 @@ _ICONS = {
     "theme": "M8 2.5a5.5 5.5 0 1 0 .01 0zM8 2.5v11",
     "graph": "M2.5 2.5v11h11M5 10.5l3-4 2.5 2 3-5",
     "undo": "M6 3L3 6l3 3M3 6h6.5a3.5 3.5 0 0 1 0 7H6",
+    "here": "M8 4.5a3.5 3.5 0 1 0 .01 0zM8 1.5v4M8 10.5v4M1.5 8h4M10.5 8h4",
+    "down": "M4 6l4 4 4-4",
+    "up": "M4 10l4-4 4 4",
     "redo": "M10 3l3 3-3 3M13 6H6.5a3.5 3.5 0 0 0 0 7H10",
 }
 """paths in a square of 16"""
+
+
+def icon_html(name: str) -> str:
+    """One of the pictures of buttons."""
+    return f"<svg viewBox='0 0 16 16' aria-hidden='true'><path d='{_ICONS[name]}'/></svg>"
 
 
 def button(
@@ -125,6 +133,7 @@ def button(
     title: str = "",
     kind: str = "",
     icon: str = "",
+    drawn: str = "",
     asks: str = "",
 ) -> str:
     """A button of a part of the page (``guard/parts.py``); with ``why`` it cannot be pressed, and says so.
@@ -136,7 +145,7 @@ def button(
         said = f" title='{escape(title)}'"
     name = f" aria-label='{escape(label or title)}'" if asks or not label else ""
     name += f" aria-description='{escape(asks)}'" if asks else ""
-    drawn = f"<svg viewBox='0 0 16 16' aria-hidden='true'><path d='{_ICONS[icon]}'/></svg>" if icon else ""
+    drawn = icon_html(icon) if icon else drawn
     key = f" data-key='{escape(key)}'" if key else ""
     more = f" data-do='{do}'{key}{name}{said}"
     return f"<button type='button' class='{kind}'{more}>{drawn}{escape(asks or label)}</button>"

@@ -12,11 +12,9 @@ from html import escape
 
 import msgspec
 
-from armctl.lazy_dataclass import dataclass
 from armctl.motion.preflight import Finding
 from armctl.program import Program, Step
-from armctl.program.base_steps import places_of
-from armctl.program.edit import Change, delete, duplicate, move, move_before, point_in, replace
+from armctl.program.edit import Change, delete, duplicate, move, move_before, places_of, point_in, replace
 from armctl.protocol import ProgramProgress, Snapshot
 from armctl.ui.session import Session
 from armctl.ui.tabs.manual.new_step import (
@@ -28,18 +26,16 @@ from armctl.ui.tabs.manual.new_step import (
 )
 from armctl.ui.tabs.manual.program_ahead import ProgramAhead
 from armctl.ui.tabs.manual.program_editor import EDIT_WAITS, ProgramEditor
+from armctl.ui.tabs.manual.program_row import PARTS, PLAIN, RowState, icon_of, row_html
 from armctl.ui.tabs.manual.shared_program import SharedProgram
 from armctl.ui.tabs.manual.step_form import KnownNames, StepEdit, texts_of
 from armctl.ui.widgets import html
-from armctl.ui.widgets.html import fixed, with_minus
+from armctl.ui.widgets.html import fixed
 
 PART = "program"
 """the part, and the list in it"""
-_DEEPEST_SHOWN = 8
 _LONG = 20
 """rows, from which on the list has its greatest height"""
-_PARTS = 50
-"""how finely the progress of a step is shown"""
 _ADD = "Add step"
 SAMPLE = "Load a sample"
 _EMPTY = """<p>No steps yet. Bring the arm somewhere (Joints, Jog), then press <b>Record pose</b>; repeat;
@@ -48,27 +44,6 @@ _KEYS = (
     "Enter:step-edit Delete:step-delete Alt+ArrowUp:step-up Alt+ArrowDown:step-down Ctrl+d:step-copy "
     "Ctrl+z:step-undo Ctrl+y:step-redo Ctrl+Shift+z:step-redo"
 )
-_MARK = {"error": "✕", "warning": "!"}
-
-
-@dataclass(frozen=True, slots=True)
-class RowState:
-    """What a row shows beside its step."""
-
-    selected: bool = False
-    tools: bool = False
-    """with its buttons"""
-    done: int | None = None
-    """it runs; so many parts of it are over"""
-    severity: str = ""
-    finding: str = ""
-    fields: str = ""
-    """HTML of the fields in which it is edited"""
-    inside: str = ""
-    """where inside it the program is, of one that is made of others"""
-
-
-_PLAIN = RowState()
 
 
 class ProgramList:
@@ -108,6 +83,7 @@ class ProgramList:
         return {
             "step": self._on_select,
             "step-edit": self._on_edit,
+            "step-more": self._on_more,
             "step-done": self._on_done,
             "step-discard": lambda _: self._close(),
             "step-up": partial(change, lambda program, row: move(program, row, -1)),
@@ -115,6 +91,7 @@ class ProgramList:
             "step-copy": partial(change, duplicate),
             "step-delete": partial(change, delete),
             "step-menu": lambda _: self._show_menu(not self._adding),
+            "step-leave": lambda _: self._show_menu(False),
             "step-add": self._on_add,
             "step-touch": self._on_touch,
             "step-undo": lambda _: editor.undo(),
@@ -197,6 +174,12 @@ class ProgramList:
         labels = [*texts_of(self._shared.program.steps[row], self._session.console.robot)]
         return (row, labels[int(number)]) if int(number) < len(labels) else (None, "")
 
+    def _on_more(self, key: str) -> None:
+        """Unfold what is seldom needed of the row that is edited, or fold it."""
+        row, edit = self._shared.row(key), self._edit
+        if row is not None and edit is not None and edit.key == key:
+            edit.more = not edit.unfolded(self._shared.program.steps[row])
+
     def _on_done(self, key: str) -> None:
         edit = self._edit
         if edit is not None and edit.key == key.partition(".")[0] and not edit.refusals:
@@ -206,13 +189,18 @@ class ProgramList:
         self._edit = None
 
     async def _on_set(self, key: str, text: str) -> None:
-        (row, label), edit = self._field(key), self._edit
+        """Take what is typed into a field; ``key``: row and number, and of one with parts ``:part``."""
+        whole, _, part = key.partition(":")
+        (row, label), edit = self._field(whole), self._edit
         if row is None or edit is None:
             return
         edit.answers += 1  # the field shows what counts, also where the change is refused
         self._session.require_operator()
         step = self._shared.program.steps[row]
-        taken = edit.take(step, label, text)
+        if part:
+            taken = edit.take_part(step, label, part, text, self._session.console.robot)
+        else:
+            taken = edit.take(step, label, text)
         if taken != step:
             await self._editor.change(lambda program: replace(program, row, taken))
 
@@ -253,7 +241,7 @@ class ProgramList:
                 if states.get(key) != self._states.get(key):
                     row = shared.row(key)
                     if row is not None:
-                        session.parts.row(PART, key, self._row(key, row, states.get(key, _PLAIN)))
+                        session.parts.row(PART, key, self._row(key, row, states.get(key, PLAIN)))
         self._states = states
 
     def _row_states(self, snapshot: Snapshot, *, may: bool) -> dict[str, RowState]:
@@ -272,7 +260,7 @@ class ProgramList:
         states: dict[str, RowState] = {}
         for row in rows:
             selected, (severity, finding) = row == self._editor.selected, said.get(row, ("", ""))
-            done = int(_PARTS * running.share) if running is not None and running.step == row else None
+            done = int(PARTS * running.share) if running is not None and running.step == row else None
             fields = ""
             if edit is not None and edit.key == keys[row]:
                 names = KnownNames(shared.callable, tuple(shared.program.frames), shared.drawings)
@@ -289,12 +277,12 @@ class ProgramList:
             now = shared.blocks.depths[row], self._of(row)
             if plain is not None and plain[0] is step and plain[1:3] == now:
                 self._plain[key] = plain
-            yield key, self._row(key, row, states.get(key, _PLAIN))
+            yield key, self._row(key, row, states.get(key, PLAIN))
 
     def _row(self, key: str, row: int, state: RowState) -> str:
         step, depth = self._shared.program.steps[row], self._shared.blocks.depths[row]
         of, lasts = self._of(row), self._lasts.get(key, "")
-        if state is not _PLAIN:
+        if state is not PLAIN:
             return row_html(key, row, step, depth, state, of, lasts)
         if key not in self._plain:
             self._plain[key] = step, depth, of, row_html(key, row, step, depth, state, of, lasts)
@@ -334,11 +322,15 @@ class ProgramList:
         offered = here | self._kinds
         groups = "".join(
             f"<div role=group aria-label='{escape(group)}'><small>{escape(group)}</small>"
-            + "".join(html.button("step-add", label, key=f"{group}.{label}", kind="chip") for label in kinds)
+            + "".join(
+                html.button("step-add", label, key=f"{group}.{label}", drawn=icon_of(kind))
+                for label, kind in kinds.items()
+            )
             + "</div>"
             for group, kinds in offered.items()
         )
-        return f"<div class=armctl-add>{button}{groups}</div>"
+        menu = f"<div class=armctl-kinds>{groups}</div>"
+        return f"<div class=armctl-add data-leave=step-leave>{button}{menu}</div>"
 
     def _headline(self, snapshot: Snapshot, *, running: bool) -> str:
         """Name, and in a line that is always there how long it is, or where it runs."""
@@ -384,67 +376,3 @@ def _by_step(findings: Sequence[Finding]) -> dict[int, tuple[str, str]]:
             mend = f" → {finding.mend}" if finding.mend else ""
             said[finding.step] = finding.severity, f"{part}{finding.what}{mend}"
     return said
-
-
-def row_html(
-    key: str, row: int, step: Step, depth: int, state: RowState = _PLAIN, of: str = "", lasts: str = ""
-) -> str:
-    """A step as a row of the list; ``depth``: how many blocks are around it. The script writes its number.
-
-    ``of``: the block that it ends or divides, in words. ``lasts``: how long it takes.
-
-    It is no ``div``: styles of the page ask of each of those what is in it. In a list of 2,000 that made a
-    change five times as slow.
-    """
-    said = with_minus(of or step.describe())
-    words = escape(said)
-    note = f" <small class=note>{escape(step.note)}</small>" if step.note else ""
-    note += f" <small class=inside>▸ {escape(state.inside)}</small>" if state.inside else ""
-    mark, title = "", escape(" · ".join(text for text in (said, step.note) if text))
-    style = f"--in:{min(depth, _DEEPEST_SHOWN)};" if depth else ""
-    if state.done is not None:
-        style += f"--done:{100 * state.done // _PARTS}%"
-        mark = " aria-current=step"
-    if style:
-        mark += f" style='{style}'"
-    finding = ""
-    if state.finding:
-        what = f"{_MARK[state.severity]} {with_minus(state.finding)}"
-        finding = (
-            f"<em role=gridcell class=armctl-{state.severity} title='{escape(what)}'>{escape(what)}</em>"
-        )
-    selected = state.selected
-    more = _tools(key, row) if state.tools else ""
-    if state.fields:
-        more += f"<div role=gridcell class=armctl-fields data-key={key}>{state.fields}</div>"
-    return (
-        f"<armctl-row role=row class=armctl-step data-key={key} data-do=step "
-        f"tabindex={0 if selected else -1} aria-selected={'true' if selected else 'false'}{mark}>"
-        f"<i data-grip></i><span role=gridcell class=nth data-nth></span>"
-        f"<b role=gridcell>{escape(step.title)}</b>"
-        f"<span role=gridcell class=does title='{title}'>{words}{note}</span>"
-        f"<span role=gridcell class=lasts>{lasts}</span>{finding}{more}</armctl-row>"
-    )
-
-
-_BUTTONS = {
-    "step-edit": ("Edit row {}", "Enter, double click", "M4 20l1-5L16 4l4 4L9 19z"),
-    "step-up": ("Move row {} up", "Alt+↑", "M12 19V5M6 11l6-6 6 6"),
-    "step-down": ("Move row {} down", "Alt+↓", "M12 5v14M6 13l6 6 6-6"),
-    "step-copy": ("Duplicate row {}", "Ctrl+D", "M9 9h11v11H9zM5 15H4V4h11v1"),
-    "step-delete": ("Delete row {}", "Delete", "M5 7h14M10 7V4h4v3M7 7l1 13h8l1-13"),
-}
-"""what each does, its key, and the lines of its icon"""
-
-
-def _tools(key: str, row: int) -> str:
-    """What can be done with a row, as buttons: for those who have no keys."""
-    buttons = ""
-    for do, (words, chord, lines) in _BUTTONS.items():
-        name = words.format(row + 1)
-        buttons += (
-            f"<button type=button tabindex=-1 data-do={do} data-key={key} aria-label='{name}' "
-            f"title='{name} ({chord})'><svg viewBox='0 0 24 24' aria-hidden=true><path d='{lines}'/></svg>"
-            "</button>"
-        )
-    return f"<span role=gridcell class=armctl-tools>{buttons}</span>"

@@ -44,10 +44,7 @@ from armctl.ui.widgets.number_field import NumberField, field_grid
 # Programs as files: saved ones, downloads and uploads.
 
 
-_UPLOAD_NOTE = (
-    "Upload takes a program of this robot: .toml, or .csv with units in its head "
-    "(base_deg, … or x_mm, y_mm, z_mm)."
-)
+_UPLOAD_NOTE = "Upload takes .toml, or .csv with units in its head (base_deg, … or x_mm, y_mm, z_mm)."
 _WRITERS: dict[str, tuple[str, Callable[[Program, Robot], str]]] = {
     "Download": (".toml", lambda program, _: encode_program(program)),
     "CSV": (".csv", write_csv),
@@ -180,7 +177,8 @@ _LOOKING, _RUNNING, _READING = (ThreadPoolExecutor(2, f"armctl-{what}") for what
 
 None of them queues behind the others, or behind what any page solves or exports.
 """
-_RUN_HINT = "How often N is, and the step to begin with, are under More. Pause is in the bar."
+_RUN_HINT = "N times, and the step to begin with, are under More. Pause is in the bar."
+_TIMES_HINT = "As often as Times N says."
 _FROM_HINT = "The first pass begins with the selected row."
 _STEP_HINT = "Run the selected step alone, then select the next."
 _CHECK_HINT = "Look for what would be refused, without moving the arm."
@@ -238,14 +236,17 @@ class ProgramRun:
         with more, field_grid(gui):
             self._times = NumberField(gui, "Times N", 3)
             self._from_row = gui.add_checkbox("From selected step", initial_value=False, hint=_FROM_HINT)
-        self._run = gui.add_button_group("Run", ("Run once", "Run N times", "Loop"), hint=_RUN_HINT)
+            self._often = gui.add_button_group("Several times", ("Run N times",), hint=_TIMES_HINT)
+        self._run = gui.add_button_group("Run", ("Run once", "Loop"), hint=_RUN_HINT)
         step = gui.add_button_group("One step", ("Step",), hint=_STEP_HINT)
         check = gui.add_button_group("Before it runs", ("Check",), hint=_CHECK_HINT)
         session.needs(None, check, also=self._empty, told=False, anyone=True)
         session.needs(Need.HOLDING, self._run, step, also=self._empty)
+        session.needs(Need.HOLDING, self._often, also=self._empty, told=False)
         self._cancel = gui.add_button("Cancel check", color="gray", visible=False)
         session.on(self._cancel.on_click, self._on_cancel)
-        session.on(self._run.on_click, self._on_run)
+        session.on(self._run.on_click, lambda: self._on_run(None if self._run.value == "Loop" else 1))
+        session.on(self._often.on_click, lambda: self._on_run(self._times.whole(1, _MOST_LOOPS)))
         session.on(step.on_click, self._step)
         session.on(check.on_click, self.check)
 
@@ -278,9 +279,9 @@ class ProgramRun:
         except _OutdatedError:
             return []  # who has edited it knows
 
-    async def _on_run(self) -> None:
-        first, button = self._editor.selected if self._from_row.value else 0, self._run.value
-        often = self._times.whole(1, _MOST_LOOPS) if button == "Run N times" else 1
+    async def _on_run(self, often: int | None) -> None:
+        """``often``: None: for ever."""
+        first = self._editor.selected if self._from_row.value else 0
         self._session.require_operator()
         program = await self._program()  # what it calls is read now: what is checked is what runs
         # Where another step comes first, it is not known where the arm would have come from.
@@ -290,7 +291,7 @@ class ProgramRun:
         error = first_error(findings)
         if error is not None:
             raise ProgramError(f"{program.name}: {error}")
-        await self._session.submit(RunProgram(program, None if button == "Loop" else often, first))
+        await self._session.submit(RunProgram(program, often, first))
 
     async def _on_cancel(self) -> None:
         if self._newest is not None:

@@ -20,6 +20,7 @@ from armctl.program.conditions import COUNTER, GRIPPER, MEASURED
 from armctl.program.frames import BASE
 from armctl.robot import Robot
 from armctl.ui.guard.parts import MOST_TYPED
+from armctl.ui.widgets import html
 from armctl.ui.widgets.html import sentence, with_minus
 from armctl.ui.widgets.number_field import format_number, number_texts, parse_number
 
@@ -60,6 +61,37 @@ def _shown(step: Step, keys: Sequence[Key]) -> str:
     if keys[0].form == "numbers":
         values = values[0]
     return ", ".join("" if value is None else format_number(value) for value in values)
+
+
+@dataclass(frozen=True, slots=True)
+class NumberBox:
+    """One of the numbers of a field that has a box for each."""
+
+    name: str
+    """which of the step's keys, or of the numbers of its key"""
+    label: str
+    value: float
+
+
+def parts_of(step: Step, keys: Sequence[Key], robot: Robot) -> Sequence[NumberBox]:
+    """The numbers of a place, or of the joints; nothing: the field is one text."""
+    if keys[0].field.touched:
+        named = zip(keys, _AXES, strict=True)
+        return [NumberBox(key.name, f"{axis} mm", getattr(step, key.name)) for key, axis in named]
+    values: Sequence[float] = getattr(step, keys[0].name) if keys[0].field.a_joint else ()
+    if len(values) != len(robot.joints):
+        return ()
+    named = zip(robot.joints, values, strict=True)
+    return [NumberBox(str(k), f"{joint.title} {joint.unit}", value) for k, (joint, value) in enumerate(named)]
+
+
+def _with_part(step: Step, key: Key, name: str, value: float) -> Step:
+    """The step with another number in one of them; the rest keeps all digits."""
+    if key.form != "numbers":
+        return msgspec.structs.replace(step, **{name: value})
+    numbers = list(getattr(step, key.name))
+    numbers[int(name)] = value
+    return msgspec.structs.replace(step, **{key.name: tuple(numbers)})
 
 
 def edited(step: Step, texts: Mapping[str, str]) -> Step:
@@ -132,6 +164,8 @@ class StepEdit:
     refusals: dict[str, str] = field(default_factory=dict[str, str])
     """by label, why"""
     _names: KnownNames = field(default_factory=lambda: KnownNames())
+    more: bool | None = None
+    """what is seldom needed is unfolded; None: nobody has said"""
     answers: int = 0
     """how often something was typed: each time the fields show what counts now"""
 
@@ -152,6 +186,32 @@ class StepEdit:
             self.refusals[label] = str(refusal)
         return step
 
+    def take_part(self, step: Step, label: str, name: str, text: str, robot: Robot) -> Step:
+        """As ``take``, of one of the numbers of a field."""
+        self.answers += 1
+        keys = by_label(keys_of(type(step)))[label]
+        part = next((one for one in parts_of(step, keys, robot) if one.name == name), None)
+        if part is None:
+            return step  # of another version of the page
+        place = f"{label}:{name}"
+        self.typed.pop(place, None)
+        self.refusals.pop(place, None)
+        try:
+            value = parse_number(text, part.label, comma=True)
+        except InputError as refusal:
+            self.typed[place], self.refusals[place] = text, str(refusal)
+            return step
+        return step if text == _part_text(part.value) else _with_part(step, keys[0], name, value)
+
+    def unfolded(self, step: Step) -> bool:
+        """What is seldom needed is shown: it is wanted, or something stands there but a note."""
+        folded = [key for key in keys_of(type(step)) if key.field.more]
+        if any(place.partition(":")[0] == key.field.label for key in folded for place in self.refusals):
+            return True
+        if self.more is None:
+            return any(key.default != getattr(step, key.name) for key in folded if key.name != "note")
+        return self.more
+
     def html(self, step: Step, robot: Robot, names: KnownNames | None = None) -> str:
         """The fields of the step, each with its label, its hint, and why it is refused.
 
@@ -160,14 +220,57 @@ class StepEdit:
         self._names = names or KnownNames()
         texts = texts_of(step, robot) | self.typed
         fields = by_label(keys_of(type(step)))
-        inside = "".join(
-            self._field(number, label, fields[label][0], text, robot)
-            for number, (label, text) in enumerate(texts.items())
+        shown, folded, several = "", "", sum(keys[0].field.touched for keys in fields.values()) > 1
+        for number, (label, keys) in enumerate((label, fields[label]) for label in texts if label in fields):
+            parts = () if label in self.typed else parts_of(step, keys, robot)
+            if parts:
+                field = self._place(number, label, keys[0], parts, titled=several)
+            else:
+                field = self._field(number, label, keys[0], texts[label], robot)
+            if keys[0].field.more:
+                folded += field
+            else:
+                shown += field
+        do, name = ("step-discard", "Discard") if self.refusals else ("step-done", "Done")
+        end = html.button(do, name, key=self.key)
+        if not shown:
+            shown, folded = folded, ""
+        if folded:
+            opened = self.unfolded(step)
+            shown += folded if opened else ""
+            end = (
+                html.button(
+                    "step-more",
+                    "Less" if opened else "More",
+                    key=self.key,
+                    kind="link",
+                    icon="up" if opened else "down",
+                )
+                + end
+            )
+        return f"{shown}{'' if self.refusals else _wrong(step, robot)}<div class=armctl-end>{end}</div>"
+
+    def _place(self, number: int, label: str, key: Key, parts: Sequence[NumberBox], *, titled: bool) -> str:
+        """The boxes of a place, or of the joints, each with its label."""
+        boxes, refusals = "", ""
+        for part in parts:
+            place = f"armctl-step-{self.key}-{number}-{part.name}"
+            why, text = (kept.get(f"{label}:{part.name}", "") for kept in (self.refusals, self.typed))
+            does = f"data-set=step-set data-key='{self.key}.{number}:{part.name}' data-said={self.answers}"
+            does += " data-focus" * (number == 0 and part is parts[0])
+            does += f" aria-invalid=true aria-describedby={place}-why" if why else ""
+            refusals += f"<em id={place}-why>{escape(with_minus(why))}</em>" if why else ""
+            boxes += (
+                f"<div><label for={place}>{escape(part.label)}</label><input id={place} {does} "
+                f"data-enter=step-done value='{escape(text or _part_text(part.value))}' autocomplete=off "
+                f"spellcheck=false maxlength={MOST_TYPED}></div>"
+            )
+        here = _touch_button(self.key, number, label) if key.field.touched else ""
+        title = f"<small>{escape(label)}</small>" if titled else ""
+        return (
+            f"<div class='wide numbers' role=group aria-label='{escape(label)}' "
+            f"title='{escape(key.field.hint)}'>{title}<div>{boxes}{here}</div>{refusals}</div>"
         )
-        end = f"<button type=button data-do=step-done data-key={self.key}>Done</button>"
-        if self.refusals:
-            end = f"<button type=button data-do=step-discard data-key={self.key}>Discard</button>"
-        return f"{inside}{'' if self.refusals else _wrong(step, robot)}<div class=armctl-end>{end}</div>"
 
     def _field(self, number: int, label: str, key: Key, text: str, robot: Robot) -> str:
         why, place = self.refusals.get(label, ""), f"armctl-step-{self.key}-{number}"
@@ -190,9 +293,7 @@ class StepEdit:
                 f"<input id={place} {does} data-enter=step-done value='{escape(text)}' autocomplete=off "
                 f"spellcheck=false maxlength={MOST_TYPED}>"
             )
-        if key.field.touched:
-            box = f"<span class=touch>{box}{_touch_button(self.key, number, label)}</span>"
-        wide = " class=wide" * (key.form in ("numbers", "text") or len(text) > _WIDE or key.field.touched)
+        wide = " class=wide" * (key.form in ("numbers", "text") or len(text) > _WIDE)
         said = f"<em id={place}-why>{escape(with_minus(why))}</em>" if why else ""
         named = f"<label for={place}>{escape(label)}</label>"
         return f"<div{wide} title='{escape(key.field.hint)}'>{named}{box}{said}</div>"
@@ -221,8 +322,8 @@ def _touch_button(key: str, number: int, label: str) -> str:
     """It puts the place of the tool into a field."""
     name = f"{escape(label)}: where the tool is now"
     return (
-        f"<button type=button data-do=step-touch data-key={key}.{number} aria-label='{name}' title='{name}'>"
-        "Here</button>"
+        f"<button type=button class=bare data-do=step-touch data-key={key}.{number} aria-label='{name}' "
+        f"title='{name}'>{html.icon_html('here')}</button>"
     )
 
 
@@ -237,5 +338,12 @@ def _wrong(step: Step, robot: Robot) -> str:
     return ""
 
 
+def _part_text(value: float) -> str:
+    """A number as it stands in its box: one decimal, or those that it has, and a true minus."""
+    text = format_number(value)
+    return with_minus(text if "." in text else f"{text}.0")
+
+
+_AXES = "XYZ"
 _WIDE = 12
 """characters that a narrow field shows"""
