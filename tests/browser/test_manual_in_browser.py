@@ -312,6 +312,7 @@ def test_every_kind_of_step_is_recorded_edited_taken_back_exported_and_read_agai
 
     rows(page).nth(3).dblclick()
     page.type_into("Tool speed mm/s", "25")
+    page.click("More fields")
     page.type_into("Blend mm", "-1")
     page.wait_for_text(re.compile("Blend mm: must be 0"))
     page.wait_until(lambda: getattr(served.steps[3], "speed_mm_s", None) == 25, "the speed is saved")
@@ -363,10 +364,11 @@ def test_a_program_is_edited_while_it_loops_but_not_by_a_page_that_watches(
     page.click("Loop")
     page.wait_for_text(re.compile(r"runs step \d of 2"))
     rows(page).nth(1).dblclick()
-    page.entry("Angles °").wait_for()
+    fields = page.page.get_by_role("group", name="Angles °")
+    fields.wait_for()
     page.click("Pause")
     served.wait_for(page, State.PAUSED)
-    page.type_into("Angles °", "20, 90, -80, -40, 0")
+    page.type_into("Base °", "20", within=fields)
     page.wait_for_text("the edit takes effect at the next pass")
     page.screenshot("manual-edit-waits")
     assert served.commanded_deg[0] <= 10
@@ -376,5 +378,5 @@ def test_a_program_is_edited_while_it_loops_but_not_by_a_page_that_watches(
     page.wait_for_text(re.compile(r"runs step \d of 2"))
     rows(page).and_(page.page.locator("[aria-current=step]")).wait_for()
     assert page.notifications() == []
-    page.type_into("Angles °", "0, -3, -60, -20, 0")
+    page.type_into("Shoulder °", "-3", within=fields)
     page.wait_for_notification(re.compile(r"The next pass would stop there.*below the floor", re.DOTALL))

@@ -218,7 +218,7 @@ def test_a_step_is_edited_in_its_row_as_people_write_and_a_wrong_value_stays_wit
     expect(steps_list(page).get_by_label("Y mm")).to_be_focused()
     page.page.keyboard.press("Control+z")  # of the field, not of the list
     steps_list(page).get_by_label("X mm").fill("200")
-    page.click("More", within=steps_list(page))
+    page.click("More fields")
     page.type_into("Pitch °", "−30")
     page.wait_until(lambda: getattr(served.steps[2], "pitch_deg", None) == -30, "a real minus is read")
     page.type_into("Duration s", "2,25")

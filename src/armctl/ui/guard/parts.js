@@ -197,7 +197,7 @@
     if (to && to !== document.activeElement) to.focus({ preventScroll: true });
   }
 
-  // In view of its own list only: the page around it stays. Who types there is not scrolled away.
+  // In view of its own list only: the page around it stays, but on a phone. Who types there is not scrolled away.
   const viewed = new WeakMap();
   function keepInView(place) {
     const key = place.dataset.view;
@@ -212,6 +212,12 @@
       if (at.top < box.top) place.scrollTop -= box.top - at.top;
       else if (at.bottom > box.bottom) place.scrollTop += Math.min(at.bottom - box.bottom, at.top - box.top);
     }
+    // On a phone the sheet around it scrolls, too: to who looks at the list.
+    if (!matchMedia("(max-width: 36em)").matches || !place.checkVisibility?.()) return;
+    let sheet = place.parentElement;
+    while (sheet && !(sheet.scrollHeight > sheet.clientHeight && /auto|scroll/.test(getComputedStyle(sheet).overflowY))) sheet = sheet.parentElement;
+    const [list, seen] = [place.getBoundingClientRect(), sheet?.getBoundingClientRect()];
+    if (seen && list.top < seen.bottom && list.bottom > seen.top) row.scrollIntoView({ block: "nearest" });
   }
 
   // What is done, wherever it is done.

@@ -241,7 +241,7 @@ class StepEdit:
             end = (
                 html.button(
                     "step-more",
-                    "Less" if opened else "More",
+                    "Fewer fields" if opened else "More fields",
                     key=self.key,
                     kind="link",
                     icon="up" if opened else "down",
