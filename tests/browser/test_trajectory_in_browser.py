@@ -202,7 +202,7 @@ def test_a_study_is_exported_but_not_run_and_two_motions_are_compared_played_exp
     page.wait_for_text(re.compile(r"at 1\.\d\d s: tool"))
     wait_for_ghost(page, served.robot, np.zeros(5), LOOKED_AT)
     assert served.commanded_deg == HOME
-    head, *rows = csv_of(page, "Export motion (CSV)")
+    head, *rows = csv_of(page, "Motion (CSV)")
     assert head.startswith("time_s,base_deg,shoulder_deg") and head.endswith(",tool_pitch_deg")
     assert (float(rows[0].split(",")[2]), float(rows[-1].split(",")[2])) == (90, 0)
     svg = "\n".join(csv_of(page, "Figure (SVG)"))

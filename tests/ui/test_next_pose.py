@@ -97,6 +97,24 @@ def test_while_a_program_runs_the_line_tells_its_step_and_the_next_pose_waits(pa
     assert page.next.ghost.seen and line(page).startswith("X ")
 
 
+def test_while_a_tab_shows_a_motion_of_its_own_the_next_pose_waits_and_go_sends_nothing(
+    page: FakePage,
+) -> None:
+    writer = PoseWriter(page.session, "somebody")
+    page.act(lambda: writer.show(THERE))
+    number = str(page.next.number)
+    page.next.instead = lambda _: Told("home to zero", "1.2 s")
+    page.next.refresh(page.session.snapshot)
+    assert line(page).startswith("home to zero 1.2 s") and go_is_off(page)
+    assert not page.next.ghost.seen and "data-keep=recall" in page.parts["next"]  # nothing is lost
+    with pytest.raises(InputError, match="another motion is looked at"):
+        page.act(lambda: page.parts.done("go", number))
+    assert not page.sent
+    page.next.instead = lambda _: None
+    page.next.refresh(page.session.snapshot)
+    assert page.next.ghost.seen and line(page).startswith("X ")
+
+
 def test_who_finds_no_pose_says_why_until_it_looks_again_or_somebody_writes(page: FakePage) -> None:
     writer, other = PoseWriter(page.session, "somebody"), PoseWriter(page.session, "another")
     writer.hide(Told("Out of reach", "the nearest point is far", bad=True))

@@ -44,6 +44,7 @@ from armctl.ui.widgets.html import fixed, sentence
 _COLOR, _THEIRS = (0, 180, 216), (134, 142, 150)
 _LINE = "next"
 _NONE = "there is no next pose yet"
+_INSTEAD = "another motion is looked at; Run starts that one"
 _RUNS = "a program runs; stop first"
 _CHANGED = "the next pose has just changed; look at it, then press again"
 
@@ -186,6 +187,8 @@ class NextPose:
         """count what was written and planned, which *Go* names; how often somebody wrote it or forgot it"""
         self.running: Callable[[Snapshot], Told | None] = lambda _: None
         """the step of a program that runs: the line tells that meanwhile, and no ghost stands in its way"""
+        self.instead: Callable[[Snapshot], Told | None] = lambda _: None
+        """a motion that a tab shows and starts by itself: likewise, until it is looked at no more"""
         self.graph: bool | None = None
         """whether the graph below the line is open; None: there is none"""
         self._note: tuple[PoseWriter, Told] | None = None
@@ -267,11 +270,11 @@ class NextPose:
 
     @property
     def in_view(self) -> FloatArray | None:
-        """(n,) where its ghost stands [rad]; None: nowhere, also while a program runs."""
+        """(n,) where its ghost stands [rad]; None: nowhere, also while it waits."""
         return None if self._waits else self.q
 
     def _show_in_view(self) -> None:
-        """A ghost over the arm that runs a program would hide it."""
+        """A ghost over the arm that runs a program, or over another motion, would hide it."""
         if (q := self.in_view) is None:
             self.ghost.hide()
         else:
@@ -280,8 +283,9 @@ class NextPose:
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Plan anew where the arm stands elsewhere, end where it has come to the pose, and say so."""
-        if self._waits != (snapshot.program is not None):
-            self._waits = snapshot.program is not None
+        waits = snapshot.program is not None or self.instead(snapshot) is not None
+        if self._waits != waits:
+            self._waits = waits
             self._show_in_view()
         if self.q is not None and self.writer is not None:
             self._going = self._going and snapshot.busy
@@ -358,6 +362,8 @@ class NextPose:
         q, writer = self.q, self.writer
         if q is None or writer is None:
             raise InputError(_NONE)
+        if self.instead(self._session.snapshot) is not None:  # it is not in view
+            raise InputError(_INSTEAD)
         writer.settled()
         self.refresh(self._session.snapshot)  # fields of the movement may have changed since it was drawn
         self.require_seen(key)
@@ -399,6 +405,9 @@ class NextPose:
         if (runs := self.running(snapshot)) is not None:
             kept = "" if self.q is None or self.writer is None else self._kept(self.q, self.writer)
             return runs.html(kept + record + next_line.go(why or _RUNS), " program")
+        if (instead := self.instead(snapshot)) is not None:
+            kept = "" if self.q is None or self.writer is None else self._kept(self.q, self.writer)
+            return instead.html(kept + record + next_line.go(_INSTEAD), " looked")
         if self.q is None or self.writer is None:
             told = NOTHING if self._note is None else self._note[1]
             return told.html(record + next_line.go(_NONE))

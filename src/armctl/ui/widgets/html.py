@@ -47,6 +47,12 @@ def heading(text: str) -> str:
     return f"<div style='font-weight:600;margin-top:6px'>{escape(text)}</div>"
 
 
+def step_heading(nth: int, title: str, *, done: bool = False) -> str:
+    """The heading of one of several steps that are done in turn; one that is done has a tick."""
+    kind = " class='done'" if done else ""
+    return f"<h3 class='armctl-nth'><i{kind}>{'✓' if done else nth}</i> {escape(title)}</h3>"
+
+
 EMPTY_LINE = "\u00a0"
 """what keeps the place of a line that says nothing: what lies below it does not move"""
 
@@ -363,7 +369,8 @@ def _headline(findings: Sequence[Finding]) -> str:
     words = (("error", errors), ("warning", len(findings) - errors))
     counts = " and ".join(f"{count} {word}{'s' if count > 1 else ''}" for word, count in words if count)
     verdict = "refused" if errors else "may be run"
-    return f"<div style='font-weight:600'>Pre-flight: {verdict}, {counts}</div>"
+    color = ERROR if errors else WARNING
+    return f"<div style='font-weight:600;color:{color}'>Pre-flight: {verdict}, {counts}</div>"
 
 
 def _finding_block(finding: Finding, *, at_row: bool) -> str:

@@ -213,6 +213,11 @@ def button_pairs(gui: viser.GuiApi) -> viser.GuiFormHandle:
     return _arranged(gui, "pairs")
 
 
+def choices_in_row(gui: viser.GuiApi) -> viser.GuiFormHandle:
+    """A container in which three lists stand in a row, with their labels above."""
+    return _arranged(gui, "choices")
+
+
 def slider_rows(gui: viser.GuiApi) -> viser.GuiFormHandle:
     """A container for sliders, each with a group of two small buttons at the end of its row."""
     return _arranged(gui, "sliders")

@@ -15,7 +15,7 @@ from armctl.calibration import (
     own_calibration,
     own_map,
 )
-from armctl.errors import ArmctlError
+from armctl.errors import ArmctlError, InputError
 from armctl.facts import Need
 from armctl.facts.angles import DEGREE, to_degrees
 from armctl.protocol import Jog, MoveGripper, Snapshot
@@ -81,7 +81,7 @@ class CalibrationJoint:
         jog = HeldJog(session)
         with button_pairs(gui):
             for label, sign in (("Jog −", -1.0), ("Jog +", 1.0)):
-                button = gui.add_button(label)
+                button = gui.add_button(label, color="gray")
                 jog.attach(button, partial(self._jog, sign))
                 session.needs(Need.JOG, button, told=False)
         session.needs(Need.JOG, hint="Jog turns the joint slowly for as long as its button is held.")
@@ -142,8 +142,8 @@ class CalibrationJoint:
             return ""
         degrees = self._robot.shown(own_map(self._robot).angles({channel: output}))[self._index()]
         return (
-            f"<div>Stands at <b>{fixed(output, 1)} {self._work.map.unit}</b>, by the calibration in force "
-            f"{fixed(degrees, 2)}°</div>"
+            f"<div>Stands at <b>{fixed(output, 1)} {self._work.map.unit}</b>, now calibrated as "
+            f"{fixed(degrees, 1)}°</div>"
         )
 
     def _output(self, snapshot: Snapshot) -> float:
@@ -177,6 +177,8 @@ class CalibrationJoint:
 
     def _mark(self, snapshot: Snapshot) -> tuple[float, float]:
         """Output and angle [rad]; ``ArmctlError`` where one of them is not known."""
+        if not self._angle.text.strip():
+            raise InputError("no angle is typed yet")
         return self._output(snapshot), self._robot.joints[self._index()].read(self._angle.value)
 
 

@@ -45,9 +45,9 @@ from armctl.ui.tabs.manual.jog import SLOW_MM_S, ToolJog
 from armctl.ui.tabs.manual.tool_steps import Pause, ToolSteps
 from armctl.ui.widgets.html import (
     LiveHtml,
-    muted,
+    step_heading,
 )
-from armctl.ui.widgets.number_field import EditWatch, NumberField, field_grid
+from armctl.ui.widgets.number_field import EditWatch, NumberField, button_pairs, field_grid
 
 _TYPED = "as typed below"
 _ON: Final[dict[str, Paper | None]] = {
@@ -55,12 +55,11 @@ _ON: Final[dict[str, Paper | None]] = {
     "a printed sheet, A4": "a4",
     "a printed sheet, Letter": "letter",
 }
-_HOW = (
-    "Bring the tip to a point and press Here: six points at least, ten are better, in poses that differ. "
-    "armctl then tells how far the tool is off, what is to blame, and corrects it. Where you know no places, "
-    "choose the printed sheet."
+_ON_HINT = (
+    "Known places in the base frame, or crosshairs of a printed sheet that lies anywhere. Ten points are "
+    "better than six, in poses that differ: armctl tells how far the tool is off, what is to blame, and "
+    "corrects it."
 )
-_ON_HINT = "Known places in the base frame, or crosshairs of a sheet that lies anywhere."
 _HEIGHT_HINT = "0 on the paper; else the height of a block that stands on the crosshair."
 _BLOCK_HINT = "How high a block is that you can put on crosshairs; then some are proposed on it. 0: none."
 _LIES_HINT = (
@@ -99,7 +98,28 @@ class CalibrationPoints:
         gui = session.gui
         self._offered = LiveHtml(gui, visible=False)
         self._offer = gui.add_button_group("Kept points", (GO_ON, FORGET), visible=False)
-        LiveHtml(gui, muted(_HOW))
+        self._add_choice(gui)
+        LiveHtml(gui, step_heading(2, "Go above it"))
+        above = gui.add_button("Next pose above it", color="gray")
+        LiveHtml(gui, step_heading(3, "Touch it with the tip"))
+        self._steps = ToolSteps(session, lambda: self._points.sense, lambda: self._points.heading, pause)
+        self._by_hand = ByHand(session, ticked=True, hint=_LEAD_HINT)
+        with gui.add_folder("Jog the tool", expand_by_default=False):
+            ToolJog(session, SLOW_MM_S)
+        LiveHtml(gui, step_heading(4, "Take it, and lift: six points at least"))
+        with button_pairs(gui):
+            here = gui.add_button("Here", icon=viser.Icon.TARGET)
+            self._lift = gui.add_button("Lift the tip", color="gray", icon=viser.Icon.ARROW_UP)
+        session.needs(None, here, also=self._not_here)
+        session.needs(self._steps.need, self._lift, told=False)
+        self._tip = LiveHtml(gui)
+        self._add_result(gui)
+        self._watch = EditWatch([*self._xyz, self._height, self._block, self._load, self._lies])
+        session.spawn(self._points.compute())  # touches that were made before the arm was opened anew
+        self._listen(above, here)
+
+    def _add_choice(self, gui: viser.GuiApi) -> None:
+        LiveHtml(gui, step_heading(1, "Choose the point"))
         self._on = gui.add_dropdown("Points", tuple(_ON), hint=_ON_HINT)
         self._how = LiveHtml(gui, visible=False)
         self._sheet = gui.add_button("Download the sheet", icon=viser.Icon.DOWNLOAD, visible=False)
@@ -113,17 +133,10 @@ class CalibrationPoints:
             self._load = NumberField(gui, "Load kg", 0.0, hint=_LOAD_HINT)
         self._next = LiveHtml(gui, visible=False)
         self._crosshair = gui.add_dropdown("Crosshair", numbered(0), visible=False)
-        above = gui.add_button("Next pose above it", color="gray")
-        self._steps = ToolSteps(session, lambda: self._points.sense, lambda: self._points.heading, pause)
-        here = gui.add_button("Here", icon=viser.Icon.TARGET)
-        session.needs(None, here, also=self._not_here)
-        self._lift = gui.add_button("Lift the tip", color="gray", icon=viser.Icon.ARROW_UP)
-        session.needs(self._steps.need, self._lift, told=False)
-        self._tip = LiveHtml(gui)
-        self._by_hand = ByHand(session, ticked=True, hint=_LEAD_HINT)
-        with gui.add_folder("Jog the tool", expand_by_default=False):
-            ToolJog(session, SLOW_MM_S)
         self._skip = gui.add_button("Propose another one", color="gray", visible=False)
+
+    def _add_result(self, gui: viser.GuiApi) -> None:
+        session = self._session
         self._result = LiveHtml(gui)
         self._again = gui.add_button(again_label(0), icon=viser.Icon.REPEAT, visible=False)
         self._apply = gui.add_button("Apply the correction", icon=viser.Icon.DEVICE_FLOPPY, visible=False)
@@ -136,9 +149,6 @@ class CalibrationPoints:
         self._clear = gui.add_button("Start anew", color="gray")
         self._download = gui.add_button("Download the suggestion", color="gray", visible=False)
         self._keep = gui.add_button("Download the points", color="gray", visible=False)
-        self._watch = EditWatch([*self._xyz, self._height, self._block, self._load, self._lies])
-        session.spawn(self._points.compute())  # touches that were made before the arm was opened anew
-        self._listen(above, here)
 
     def _listen(self, above: viser.GuiButtonHandle, here: viser.GuiButtonHandle) -> None:
         session, points = self._session, self._points
@@ -355,6 +365,8 @@ class CalibrationPoints:
         """What is touched now; ``ArmctlError`` where something of it is not known."""
         number, point = None, np.zeros(3)
         if self._points.sheet is None:
+            if not any(field.text.strip() for field in self._xyz):
+                raise InputError("no point is chosen yet")
             point = np.array([field.value for field in self._xyz]) / 1000
         else:
             number = int(self._crosshair.value)

@@ -25,7 +25,7 @@ from armctl.ui.tabs.manual.new_step import Point, present_pose_deg, tool_point_m
 from armctl.ui.tabs.manual.program_editor import ProgramEditor
 from armctl.ui.tabs.manual.shared_program import SharedProgram
 from armctl.ui.tabs.manual.tool_steps import ToolSteps
-from armctl.ui.widgets.html import LiveHtml, escape, fixed, folded, numbers
+from armctl.ui.widgets.html import LiveHtml, escape, fixed, folded, numbers, step_heading
 from armctl.ui.widgets.number_field import NumberField, field_grid
 
 _DRAWN, _LEFT_OUT, _PLANE = (66, 99, 235), (150, 150, 150), (46, 139, 87)
@@ -54,7 +54,7 @@ class DrawingForm:
         self._file: Path | None = None
         self._shift = (0.0, 0.0)
         gui, scene = session.gui, session.client.scene
-        self._steps = [LiveHtml(gui, numbered(1, "The drawing", done=False))]
+        self._steps = [LiveHtml(gui, step_heading(1, "The drawing", done=False))]
         self._upload = gui.add_upload_button(
             "Choose a drawing (SVG, G-code)", icon=viser.Icon.UPLOAD, mime_type=",".join(DRAWING_SUFFIXES)
         )
@@ -69,12 +69,12 @@ class DrawingForm:
         with gui.add_folder("Jog the tool", expand_by_default=False):
             ToolSteps(session)
             ToolJog(session, SLOW_MM_S)
-        LiveHtml(gui, numbered(3, "Size and pen", done=False))
+        LiveHtml(gui, step_heading(3, "Size and pen", done=False))
         with field_grid(gui):
             self._width = NumberField(gui, "Width mm", 50.0, hint="Of the whole drawing.")
             self._speed = NumberField(gui, "Pen speed mm/s", 30.0)
             self._lift = NumberField(gui, "Lift mm", 10.0, hint="How high the pen is between strokes.")
-        LiveHtml(gui, numbered(4, "Look at it, then draw", done=False))
+        LiveHtml(gui, step_heading(4, "Look at it, then draw", done=False))
         look = gui.add_button_group(
             "Look", (_SHOW, _FIT), hint="Fit: smaller, and shifted, until all of it is in reach."
         )
@@ -127,7 +127,7 @@ class DrawingForm:
             f"{preview_svg(drawing)}<b>{escape(name)}</b>: {count} stroke{'' if count == 1 else 's'}, {size}"
         )
         self._said.show(said + folded("Not drawn", drawing.left_out) if drawing.left_out else said)
-        self._steps[0].show(numbered(1, "The drawing", done=True))
+        self._steps[0].show(step_heading(1, "The drawing", done=True))
         if len(self._touched) == len(_TOUCHES) - 1:
             await self._show()
 
@@ -161,7 +161,7 @@ class DrawingForm:
         more = "where the surface bends" if not self._more else f"{len(self._more)} touched"
         rows.append(f"{'✓' if self._more else '○'} More: {more}")
         self._plane_said.show("".join(f"<div>{row}</div>" for row in rows))
-        self._steps[1].show(numbered(2, "The surface", done=not self._missing))
+        self._steps[1].show(step_heading(2, "The surface", done=not self._missing))
 
     def _points(self) -> list[float]:
         if self._missing:
@@ -236,12 +236,6 @@ class DrawingForm:
         step = await self._show()
         program = Program(robot=self._robot.name, name=Path(step.file).stem, steps=(step,))
         await self._session.submit(RunProgram(program, 1))
-
-
-def numbered(nth: int, title: str, *, done: bool) -> str:
-    """The heading of a step; a step that is done has a tick."""
-    kind = " class='done'" if done else ""
-    return f"<h3 class='armctl-nth'><i{kind}>{'✓' if done else nth}</i> {escape(title)}</h3>"
 
 
 def preview_svg(drawing: PenDrawing) -> str:

@@ -20,6 +20,7 @@ from armctl.ui.session import Session
 from armctl.ui.tabs.trajectory.plan import PlannedMotion
 from armctl.ui.widgets.graph import Bound, Curves, Graph, PlotLine, graph_html
 from armctl.ui.widgets.html import LiveHtml, fixed, heading, muted, numbers, strong, table
+from armctl.ui.widgets.number_field import choices_in_row
 
 OF = ("Tool", "Joints")
 QUANTITIES: dict[str, tuple[Derivative, str]] = {
@@ -34,6 +35,7 @@ _LIMITS_HINT = "Dashed lines, shaded beyond. near: those that the motion comes n
 _JERK_NOTE = "Where the acceleration jumps (cubic at its ends, trapezoid), the jerk there has no bound."
 _ZOOM_NOTE = "Click or drag in the graph to move the ghost; then the wheel zooms, with Shift it pans."
 _COMPARE_NOTE = "Keep the shown motion as A, then show another: A is drawn thin and dashed beside it."
+_CSV = "Motion (CSV)"
 _FIGURE_FORMS: dict[str, FigureForm] = {"Figure (SVG)": "svg", "Figure (PNG)": "png"}
 _FRAME_S = 1 / 25
 _SLIDER_S = 0.15
@@ -60,33 +62,32 @@ class GraphView:
         self._curves: Curves | None = None
         self._graph = Graph(session, _PART, self._on_cursor, self._draw, scrolls=True)
         session.parts.add(gui, _PART)
-        self._note = LiveHtml(gui)
-        self._of = gui.add_dropdown("Graph of", OF)
-        self._quantity = gui.add_dropdown("Quantity", tuple(QUANTITIES))
-        self._limits = gui.add_dropdown("Limits", LIMITS, hint=_LIMITS_HINT)
+        self._note = LiveHtml(gui, muted(_JERK_NOTE), visible=False)
         self._cursor_box = gui.add_folder(None, visible=False)
         with self._cursor_box:
-            self._time = gui.add_slider("Time s", 0.0, 1.0, 0.001, initial_value=0.0)
+            self._time = gui.add_slider("Time s", 0.0, 1.0, 0.001, initial_value=0.0, hint=_ZOOM_NOTE)
             self._play = gui.add_button(_PLAY[0], icon=_PLAY[1], color="gray")
             self._speed = gui.add_slider("Play speed %", *_SPEEDS, initial_value=100, hint=_SPEED_HINT)
+            with choices_in_row(gui):
+                self._of = gui.add_dropdown("Graph of", OF)
+                self._quantity = gui.add_dropdown("Quantity", tuple(QUANTITIES))
+                self._limits = gui.add_dropdown("Limits", LIMITS, hint=_LIMITS_HINT)
             self._where = LiveHtml(gui)
         self._peaks = LiveHtml(gui)
         with gui.add_folder("Compare"):
             self._compared = LiveHtml(gui, muted(_COMPARE_NOTE))
             keep = gui.add_button("Keep as A", icon=viser.Icon.PIN, color="gray")
             self._drop = gui.add_button("Drop A", icon=viser.Icon.PINNED_OFF, color="gray", visible=False)
-        csv = gui.add_button("Export motion (CSV)", icon=viser.Icon.DOWNLOAD, color="gray")
-        self._figure = gui.add_button_group("Export", tuple(_FIGURE_FORMS))
+        self._export = gui.add_button_group("Export", (_CSV, *_FIGURE_FORMS))
         # the reason stands above already
-        session.needs(None, keep, csv, self._figure, also=self._not_shown, told=False, anyone=True)
+        session.needs(None, keep, self._export, also=self._not_shown, told=False, anyone=True)
         for group in (self._of, self._quantity, self._limits):
             session.on(group.on_update, self._look)
         session.on(self._time.on_update, self._on_time)
         session.on(self._play.on_click, self._on_play)
         session.on(keep.on_click, lambda: self._keep(self._require_shown()))
         session.on(self._drop.on_click, lambda: self._keep(None))
-        session.on(csv.on_click, self._on_csv)
-        session.on(self._figure.on_click, self._on_figure)
+        session.on(self._export.on_click, self._on_export)
 
     def refresh(self) -> None:
         """Draw the tool's path on its tab, for as long as no other screen shows something of its own."""
@@ -122,7 +123,7 @@ class GraphView:
         """Other curves."""
         if self._shown is not None:
             of, quantity, limits = self._of.value, self._quantity.value, self._limits.value
-            self._note.show(muted(_JERK_NOTE if quantity == "Jerk" else _ZOOM_NOTE))
+            self._note.visible = quantity == "Jerk"
             self._curves = curves(self._shown, of, quantity, limits, self._beside)
             if draw:
                 self._place_cursor(self._time.value)
@@ -201,16 +202,17 @@ class GraphView:
         else:
             self._compared.show(compare_html(self._a, self._shown))
 
-    async def _on_csv(self) -> None:
+    async def _on_export(self) -> None:
         shown = self._require_shown()
+        if self._export.value != _CSV:
+            await self._export_figure(shown, _FIGURE_FORMS[self._export.value])
+            return
         async with self._session.console.precedence.turn():
             text = await self._session.work_out(analysis_csv, shown.robot, shown.motion)
         self._session.download("motion.csv", text)
 
-    async def _on_figure(self) -> None:
-        shown = self._require_shown()
+    async def _export_figure(self, shown: PlannedMotion, form: FigureForm) -> None:
         drawn = [TitledMotion(one.title, one.motion) for one in (shown, self._beside) if one is not None]
-        form = _FIGURE_FORMS[self._figure.value]
         async with self._session.console.precedence.turn():
             content = await self._session.work_out(figure_file, shown.robot, form, *drawn)
         if not self._session.closed:
@@ -312,7 +314,7 @@ def cursor_html(planned: PlannedMotion, time: float) -> str:
     speed = 1000 * float(np.linalg.norm(robot.jacobian(state.q)[:3] @ state.velocity))
     step = planned.step_at(time)
     rows = [
-        ["θ °", *(fixed(value, 2) for value in robot.shown(state.q).tolist())],
+        ["angle °", *(fixed(value, 2) for value in robot.shown(state.q).tolist())],
         ["°/s", *(fixed(value, 1) for value in robot.shown(state.velocity).tolist())],
         ["°/s²", *(fixed(value, 0) for value in robot.shown(state.acceleration).tolist())],
     ]

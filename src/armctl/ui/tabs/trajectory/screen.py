@@ -25,6 +25,7 @@ from armctl.motion.analysis import (
 )
 from armctl.protocol import Follow, MoveJoints, RunProgram, Snapshot, Ticket
 from armctl.ui.events import Newest, came_to_end
+from armctl.ui.next_line import Told
 from armctl.ui.scene.ghost import Preview
 from armctl.ui.session import Session
 from armctl.ui.tabs.trajectory.graphs import GraphView
@@ -85,6 +86,7 @@ class TrajectoryScreen:
                 self._graphs = GraphView(session, self._preview)
         with tabs.add_tab("Error report"):
             self._report = ReportView(session, self._preview)
+        session.next.instead = self._instead
         session.on(self._show.on_click, self._on_show)
         session.on(entered.on_submit, self._on_show)
         session.on(self._freer.on_click, self._on_freer)
@@ -107,6 +109,16 @@ class TrajectoryScreen:
             self._freer.label = f"Plan it with {self._form.freer_words(freer)}"
         self._preview.refresh(snapshot.q_command)
         self._graphs.refresh()
+
+    def _instead(self, snapshot: Snapshot) -> Told | None:
+        """What the line under the scene tells while the motion that is shown here is looked at."""
+        planned, is_open = self._planned, self._session.ghost.is_open("Trajectory")
+        if planned is None or not is_open or self._form.is_study or self._preview.taken:
+            return None
+        if self._out_of_date(snapshot):
+            return None
+        seconds = fixed(planned.trajectory.duration / snapshot.speed, 2)
+        return Told(planned.title, f"{seconds} s · looked at in Trajectory · Run starts it")
 
     def _status(self, stale: str) -> str:
         if self._planning:
