@@ -98,7 +98,7 @@ class Bench:
 
         self.robots = SimpleNamespace(
             console=self.console, opening=None, present=RobotChoice("uzuner", "Uzuner"), change=change,
-            require_settled=lambda: None,
+            require_settled=lambda: None, choices=(),
         )  # fmt: skip
         self.session = Session(cast(Any, client), cast(Any, self.robots))
 
@@ -488,6 +488,13 @@ def test_what_is_worked_out_without_a_press_comes_as_it_is(server: GuardedServer
         asyncio.run(bench.session.work_out(divmod, 7, 0))
 
 
+def parts_of(question: Any) -> list[Any]:
+    """The text of a question, and its answers from left to right."""
+    text, row = question._children.values()
+    _, *answers = row._children.values()
+    return [text, *answers]
+
+
 def test_a_robot_is_changed_at_once_only_where_nothing_is_lost(server: GuardedServer) -> None:
     bench = Bench(server)
     session, words = bench.session, list[str]()
@@ -498,13 +505,13 @@ def test_a_robot_is_changed_at_once_only_where_nothing_is_lost(server: GuardedSe
     asyncio.run(session.change_robot("scorbot"))
     assert bench.changed_to == ["mico"]
     (question,) = server.gui._modal_handle_from_uuid.values()
-    text, _, stay, _ = question._children.values()
-    assert "'pick' (3 steps)" in cast(Any, text).content
+    text, stay, _, _ = parts_of(question)
+    assert "The robot becomes scorbot. The program 'pick' (3 steps)" in cast(Any, text).content
     press(session, stay)
     assert (bench.changed_to, question.closed) == (["mico"], True)
     asyncio.run(session.change_robot("scorbot"))
     (question,) = server.gui._modal_handle_from_uuid.values()
-    *_, change = question._children.values()
+    _, _, change, _ = parts_of(question)
     press(session, change)
     assert bench.changed_to == ["mico", "scorbot"]
     assert not server.gui._modal_handle_from_uuid
@@ -524,7 +531,7 @@ def test_what_is_not_saved_is_saved_before_the_change_or_nothing_is_changed(serv
     bench.console.savers.append(save)
     asyncio.run(bench.session.change_robot("scorbot"))
     (question,) = server.gui._modal_handle_from_uuid.values()
-    _, button, *_ = question._children.values()
+    *_, button = parts_of(question)
     press(bench.session, button)
     assert (bench.changed_to, question.closed) == ([], False)
     assert bench.shown == ["Refused"]

@@ -19,7 +19,7 @@ from armctl.ui.console import PortWatch
 from armctl.ui.session import Session
 from armctl.ui.widgets.angle_fields import angle_fields
 from armctl.ui.widgets.html import LiveHtml, button, refused, sentence
-from armctl.ui.widgets.number_field import EditWatch, FieldArray, field_grid
+from armctl.ui.widgets.number_field import EditWatch, FieldArray, field_grid, in_row
 
 _ROUNDED_RAD = 0.01 * DEGREE
 """fields round what they are filled with"""
@@ -190,9 +190,10 @@ class EnableQuestion:
             with field_grid(gui):
                 self._angles = angle_fields(gui, self._robot, self._robot.pose("rest"))
             self._problem = LiveHtml(gui)
-            yes = gui.add_button("Yes, enable here", icon=viser.Icon.BOLT)
-            rest = gui.add_button("It is at the rest pose", color="gray")
-            cancel = gui.add_button("Cancel", color="gray")
+            with in_row(gui):
+                yes = gui.add_button("Yes, enable here", icon=viser.Icon.BOLT)
+                rest = gui.add_button("It is at the rest pose", color="gray")
+                cancel = gui.add_button("Cancel", color="gray")
         session.needs(Need.OFF, yes, rest, told=False)
         self._watch = EditWatch(self._angles.fields)
         session.on(yes.on_click, self._on_yes)

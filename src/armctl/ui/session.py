@@ -30,6 +30,7 @@ from armctl.ui.robot_switch import RobotSwitch
 from armctl.ui.scene.ghost import Ghost
 from armctl.ui.scene.stage import look_at_arm
 from armctl.ui.widgets.html import LiveHtml, with_minus
+from armctl.ui.widgets.number_field import in_row
 
 LOG = logging.getLogger("armctl.ui")
 _LINK_AGAIN_S, _LINK_TIMEOUT_S = 0.5, 3.0
@@ -332,16 +333,18 @@ class Session:
             self.require_operator()
             self._ask_first(" ".join(words), name)
         else:
-            await self._change_robot(name)
+            await self.robots.change(name, self.origin, self.require_operator)
 
     def _ask_first(self, text: str, name: str) -> None:
         self._end_question()
         question = self.gui.add_modal("Change the robot?")
+        title = next((one.title for one in self.robots.choices if one.name == name), name)
         with question:
-            self.gui.add_markdown(text)
-            save = self.gui.add_button("Save and change")
-            stay = self.gui.add_button("Stay with this robot", color="gray")
-            change = self.gui.add_button("Change without saving", color="orange")
+            self.gui.add_markdown(f"The robot becomes {title}. {text}")
+            with in_row(self.gui):
+                stay = self.gui.add_button("Stay with this robot", color="gray")
+                change = self.gui.add_button("Change without saving", color="orange")
+                save = self.gui.add_button("Save and change")
 
         def end() -> None:
             if not question.closed:
@@ -349,7 +352,7 @@ class Session:
 
         async def go_on() -> None:
             end()
-            await self._change_robot(name)
+            await self.robots.change(name, self.origin, self.require_operator)
 
         async def save_first() -> None:
             self.require_operator()
@@ -362,9 +365,6 @@ class Session:
         self.on(save.on_click, save_first)
         self.on(stay.on_click, end)
         self.on(change.on_click, go_on)
-
-    async def _change_robot(self, name: str) -> None:
-        await self.robots.change(name, self.origin, self.require_operator)
 
     async def reopen_arm(self, port: str | None = None) -> None:
         """Open the arm anew, as calibrated now, on ``port`` or where it was; this page shows what fails."""

@@ -116,7 +116,7 @@ class CalibrationSave:
             self._pose = self._desk.check_pose
             LiveHtml(gui, check_pose_html(self._pose))
             go = gui.add_button("Go to test pose")
-            session.needs(Need.HOLDING, go)
+            session.needs(Need.HOLDING, go, hint="The arm goes there slowly, by the calibration in force.")
             LiveHtml(gui, muted(_TEST_NOTE))
         if self._desk.in_force is not None and self._desk.in_force.deflection:
             self._add_load(self._desk.in_force)

@@ -141,7 +141,8 @@ class OwnArm:
                 self._poses = gui.add_button_group("Keep pose as", ("home", "rest"), hint=_POSE_HINT)
             with steps.add_tab("3 Save"):
                 self._add_save_fields(gui)
-            cancel = gui.add_button("Discard", color="gray")
+            with in_row(gui):
+                cancel = gui.add_button("Discard", color="gray")
         self._lengths: dict[str, NumberField] = {}
         self._fill_lengths()
         session.on(self._begin.on_click, self._on_begin)
@@ -178,9 +179,10 @@ class OwnArm:
         self._name = gui.add_text("File name", self._named)
         self._floor = NumberField(gui, "Floor mm", 0.0, hint="Height of the floor in the base frame.")
         self._gripper = gui.add_text("Gripper channel", "", hint=_GRIPPER_HINT)
-        save = gui.add_button("Save and open", icon=viser.Icon.DEVICE_FLOPPY)
-        download = gui.add_button("Download robot file", icon=viser.Icon.DOWNLOAD, color="gray")
-        session.needs(None, save, also=lambda _: self._wrong)
+        with in_row(gui):
+            save = gui.add_button("Save and open", icon=viser.Icon.DEVICE_FLOPPY)
+            download = gui.add_button("Download robot file", icon=viser.Icon.DOWNLOAD, color="gray")
+        session.needs(None, save, also=lambda _: self._wrong, hint="It is saved among your own arms.")
         session.needs(None, download, also=lambda _: self._wrong, told=False, anyone=True)
         session.on(self._title.on_update, self._on_title)
         session.on(self._name.on_update, self._show)

@@ -296,7 +296,8 @@ def _look_html(shared: SharedServos, busy: str | None) -> str:
     """The buttons that look for servos, or how far a search is."""
     if not shared.doing:
         every = button("servo-look", "At every baud rate", key=_ALL_RATES, why=busy)
-        return f"<div>{button('servo-look', 'Look for the servos', why=busy, kind='go')} {every}</div>"
+        look = button("servo-look", "Look for the servos", why=busy, kind="go")
+        return f"<div style='display:flex;gap:8px'>{look}{every}</div>"
     done = (
         f"<div style='height:100%;width:{100 * shared.share:.0f}%;background:{GOOD};border-radius:3px'></div>"
     )
@@ -347,7 +348,7 @@ def _row(servo: int, title: str, one: FoundServo | None, why: str | None) -> str
         buttons += button(
             "servo-id", "Change id", key=servo_key(one), why=why, title="gives it another id", kind="chip"
         )
-    wraps = (k == 1 for k in range(len(_HEADS)))  # the name of the joint
+    wraps = (k in (1, 6) for k in range(len(_HEADS)))  # the name of the joint, and how it stands
     line = "".join(
         f"<td style='{_CELL}{';white-space:normal' * wrap}'>{cell}</td>"
         for cell, wrap in zip((*cells, state, buttons), wraps, strict=True)

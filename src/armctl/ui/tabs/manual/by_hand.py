@@ -10,7 +10,7 @@ from armctl.hardware import Source
 from armctl.protocol import Enable, Release, Snapshot
 from armctl.ui.session import Session
 from armctl.ui.widgets.html import LiveHtml, muted
-from armctl.ui.widgets.number_field import field_grid
+from armctl.ui.widgets.number_field import field_grid, in_row
 
 _HINT = (
     "Joints that you tick go limp. <b>Support the arm</b>, then lead them by hand: the page follows, and "
@@ -39,10 +39,11 @@ class ByHand:
                 self._ticks = {
                     joint.name: gui.add_checkbox(joint.title, initial_value=ticked) for joint in joints
                 }
-            self._go_limp = gui.add_button("Let ticked joints go limp", color="orange")
-            self._back = gui.add_button("Take them back as they stand", color="gray")
+            with in_row(gui):
+                self._go_limp = gui.add_button("Let ticked joints go limp", color="orange")
+                self._back = gui.add_button("Take them back as they stand", color="gray")
+            session.needs(Need.HOLDING_SOME, self._go_limp, hint="They fall unless a hand holds them.")
             self._state = LiveHtml(gui)
-            session.needs(Need.HOLDING_SOME, self._go_limp)
             session.needs(None, self._back, also=_none_limp, told=False)
         session.on(self._go_limp.on_click, self._on_limp)
         session.on(self._back.on_click, self._on_back)

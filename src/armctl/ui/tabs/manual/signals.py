@@ -30,7 +30,7 @@ from armctl.ui.robot_switch import RobotChoice, not_replaceable
 from armctl.ui.session import Session
 from armctl.ui.tabs.manual.shared_program import SharedProgram
 from armctl.ui.widgets.html import LiveHtml, muted, table
-from armctl.ui.widgets.number_field import NumberField, field_grid
+from armctl.ui.widgets.number_field import NumberField, field_grid, in_row
 
 _SHARES = {"0 %": 0.0, "25 %": 0.25, "50 %": 0.5, "75 %": 0.75, "100 %": 1.0}
 _SWITCH = {"On": 1.0, "Off": 0.0}
@@ -183,9 +183,9 @@ _KINDS = (
 _LAST_CHANNEL = 63
 _CHANNEL_HINT = "Of the board: the channel of a Maestro, the pin of an Arduino. None that drives a joint."
 _LOW_HINT = "Its pin is low while it is on, as that of a button to ground is."
+_OPENED = "The arm is opened anew with it."
 _COPIED = (
-    "This arm is one of armctl's own: a copy becomes an arm of yours, with programs, drawings and "
-    "calibrations, and is opened."
+    "A copy of this arm becomes one of yours, with its programs, drawings and calibrations, and is opened."
 )
 _OF_URDF = "Name them in the side file of this arm, NAME.armctl.toml: tables [[inputs]] and [[outputs]]."
 
@@ -243,10 +243,11 @@ class NewSignal:
             channel = free_channel(session.console.robot)
             self._channel = NumberField(gui, "Channel", channel, hint=_CHANNEL_HINT)
             self._low = gui.add_checkbox("Active low", initial_value=False, hint=_LOW_HINT)
-        add = gui.add_button("Add it to the arm", icon=viser.Icon.PLUS)
-        session.needs(None, add, also=partial(not_replaceable, reopen=True))
-        if not self._own:
-            LiveHtml(gui, muted(_COPIED))
+        with in_row(gui):
+            add = gui.add_button("Add it to the arm", icon=viser.Icon.PLUS)
+        session.needs(
+            None, add, also=partial(not_replaceable, reopen=True), hint=_OPENED if self._own else _COPIED
+        )
         session.on(self._kind.on_update, self._on_kind)
         session.on(add.on_click, self._on_add)
 

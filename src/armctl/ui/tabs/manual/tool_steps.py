@@ -178,7 +178,7 @@ class ToolSteps:
         for axis, row in enumerate(self._rows):
             session.needs(self.need, row, told=False)
             session.on(row.on_click, partial(self._on_step, axis, row))
-        session.needs(self.need)
+        session.needs(self.need, hint="A click moves the tip at once.")
         self._note, self._moved = LiveHtml(gui), ""
         self._draw_note()
 
