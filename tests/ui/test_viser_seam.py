@@ -337,6 +337,7 @@ CONTRACT = {
         "`Tabs`",
         "`Checkbox`",
         "`Input`",
+        "`Modal`",
         "`NumberInput`",
         "`Slider`",
         "markLabel",

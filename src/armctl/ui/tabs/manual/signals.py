@@ -238,8 +238,8 @@ class NewSignal:
             return
         self._own = robot_path(present) == user_robots_folder() / f"{present}.toml"
         self._kind = gui.add_dropdown("It is an", tuple(self._kinds))
+        self._title = gui.add_text("Name", next(iter(self._kinds.values())).usual)
         with field_grid(gui):
-            self._title = gui.add_text("Name", next(iter(self._kinds.values())).usual)
             channel = free_channel(session.console.robot)
             self._channel = NumberField(gui, "Channel", channel, hint=_CHANNEL_HINT)
             self._low = gui.add_checkbox("Active low", initial_value=False, hint=_LOW_HINT)
