@@ -333,6 +333,7 @@ CONTRACT = {
         "data-dock-region-handle",
         "data-dock-side",
         "data-dock-area",
+        "data-dock-leaf",
         "`Paper`",
         "`Tabs`",
         "`Checkbox`",

@@ -87,7 +87,8 @@ class CalibrationJoint:
         session.needs(Need.JOG, hint="Jog turns the joint slowly for as long as its button is held.")
         self._now = LiveHtml(gui)
         self._angle = NumberField(gui, "Angle read °", None, hint=_ANGLE_HINT)
-        add = gui.add_button("Add mark", icon=viser.Icon.PLUS)
+        with in_row(gui):
+            add = gui.add_button("Add mark", icon=viser.Icon.PLUS)
         on_edit(session, add, self._add, refused_by(self._mark), told=True)
         self._marks = LiveHtml(gui)
         self._fit = LiveHtml(gui)
@@ -95,7 +96,8 @@ class CalibrationJoint:
         self._delete = gui.add_button("Delete mark", color="gray")
         self._limits = LiveHtml(gui)
         self._ends = gui.add_button_group("Safe limits", tuple(_ENDS), hint=_LIMIT_HINT)
-        default = gui.add_button("Limits of the robot file", color="gray")
+        with in_row(gui):
+            default = gui.add_button("Limits of the robot file", color="gray")
         self._watch = EditWatch([self._angle])
         session.on(self._joint.on_update, self._on_joint)
         session.on(self._steps.on_click, self._on_step)

@@ -39,7 +39,7 @@ from armctl.ui.widgets.html import (
     table,
     with_minus,
 )
-from armctl.ui.widgets.number_field import NumberField
+from armctl.ui.widgets.number_field import NumberField, in_row
 
 _NOTHING = "There is no output to calibrate."
 
@@ -107,15 +107,17 @@ class CalibrationSave:
         gui = session.gui
         self._overview = LiveHtml(gui)
         self._note = gui.add_text("Note", "", hint="What a later reader should know of this calibration.")
-        save = gui.add_button("Save calibration", icon=viser.Icon.DEVICE_FLOPPY)
+        with in_row(gui):
+            save = gui.add_button("Save calibration", icon=viser.Icon.DEVICE_FLOPPY)
+            clear = gui.add_button("Forget what is not saved", color="gray")
         free = partial(release_first, reopen=True)
         session.needs(None, save, also=lambda snapshot: free(snapshot) or self._no_draft)
         LiveHtml(gui, muted(_SAVE_NOTE))
-        clear = gui.add_button("Forget what is not saved", color="gray")
         with gui.add_folder("Test pose"):
             self._pose = self._desk.check_pose
             LiveHtml(gui, check_pose_html(self._pose))
-            go = gui.add_button("Go to test pose")
+            with in_row(gui):
+                go = gui.add_button("Go to test pose", color="gray")
             session.needs(Need.HOLDING, go, hint="The arm goes there slowly, by the calibration in force.")
             LiveHtml(gui, muted(_TEST_NOTE))
         if self._desk.in_force is not None and self._desk.in_force.deflection:
@@ -124,7 +126,8 @@ class CalibrationSave:
             versions = self._desk.versions()
             self._versions = earlier_versions(versions)
             self._version = gui.add_dropdown("Version", tuple(self._versions))
-            revert = gui.add_button("Revert", color="orange")
+            with in_row(gui):
+                revert = gui.add_button("Revert", color="orange")
             kept = refused_by(lambda _: self._desk.require_revertable(self._versions[self._version.value]))
             session.needs(None, revert, also=lambda snapshot: free(snapshot) or kept(snapshot))
             LiveHtml(gui, muted(_REVERT_NOTE))
@@ -141,7 +144,8 @@ class CalibrationSave:
         with gui.add_folder("Load"):
             LiveHtml(gui, load_html(now))
             self._load = NumberField(gui, "Load kg", now.load_kg, hint=_LOAD_HINT)
-            carry = gui.add_button("Set the load", color="gray")
+            with in_row(gui):
+                carry = gui.add_button("Set the load", color="gray")
             other = refused_by(lambda _: self._desk.with_load(self._load.within(0.0, HEAVIEST_KG)))
             free = partial(release_first, reopen=True)
             session.needs(None, carry, also=lambda snapshot: free(snapshot) or other(snapshot))

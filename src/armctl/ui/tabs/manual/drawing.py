@@ -26,7 +26,7 @@ from armctl.ui.tabs.manual.program_editor import ProgramEditor
 from armctl.ui.tabs.manual.shared_program import SharedProgram
 from armctl.ui.tabs.manual.tool_steps import ToolSteps
 from armctl.ui.widgets.html import LiveHtml, escape, fixed, folded, numbers, step_heading
-from armctl.ui.widgets.number_field import NumberField, field_grid
+from armctl.ui.widgets.number_field import NumberField, field_grid, in_row
 
 _DRAWN, _LEFT_OUT, _PLANE = (66, 99, 235), (150, 150, 150), (46, 139, 87)
 """to be seen on a light ground and on a dark one"""
@@ -55,13 +55,16 @@ class DrawingForm:
         self._shift = (0.0, 0.0)
         gui, scene = session.gui, session.client.scene
         self._steps = [LiveHtml(gui, step_heading(1, "The drawing", done=False))]
-        self._upload = gui.add_upload_button(
-            "Choose a drawing (SVG, G-code)", icon=viser.Icon.UPLOAD, mime_type=",".join(DRAWING_SUFFIXES)
-        )
+        kinds = ",".join(DRAWING_SUFFIXES)
+        with in_row(gui):
+            self._upload = gui.add_upload_button(
+                "Choose a drawing (SVG, G-code)", icon=viser.Icon.UPLOAD, mime_type=kinds
+            )
         written = gui.add_form(None)
         with written:
             self._text = gui.add_text("Or write", "", hint="A name or a line of text, 20 mm high.")
-        write = gui.add_button("Write this", icon=viser.Icon.PENCIL, color="gray")
+        with in_row(gui):
+            write = gui.add_button("Write this", icon=viser.Icon.PENCIL, color="gray")
         self._said = LiveHtml(gui)
         self._steps.append(LiveHtml(gui))
         touch = gui.add_button_group("Touch here", _TOUCHES, hint=_TOUCH_HINT)

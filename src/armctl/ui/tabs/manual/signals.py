@@ -30,7 +30,7 @@ from armctl.ui.robot_switch import RobotChoice, not_replaceable
 from armctl.ui.session import Session
 from armctl.ui.tabs.manual.shared_program import SharedProgram
 from armctl.ui.widgets.html import LiveHtml, muted, table
-from armctl.ui.widgets.number_field import NumberField, field_grid, in_row
+from armctl.ui.widgets.number_field import NumberField, in_row
 
 _SHARES = {"0 %": 0.0, "25 %": 0.25, "50 %": 0.5, "75 %": 0.75, "100 %": 1.0}
 _SWITCH = {"On": 1.0, "Off": 0.0}
@@ -239,10 +239,9 @@ class NewSignal:
         self._own = robot_path(present) == user_robots_folder() / f"{present}.toml"
         self._kind = gui.add_dropdown("It is an", tuple(self._kinds))
         self._title = gui.add_text("Name", next(iter(self._kinds.values())).usual)
-        with field_grid(gui):
-            channel = free_channel(session.console.robot)
-            self._channel = NumberField(gui, "Channel", channel, hint=_CHANNEL_HINT)
-            self._low = gui.add_checkbox("Active low", initial_value=False, hint=_LOW_HINT)
+        channel = free_channel(session.console.robot)
+        self._channel = NumberField(gui, "Channel", channel, hint=_CHANNEL_HINT)
+        self._low = gui.add_checkbox("Active low", initial_value=False, hint=_LOW_HINT)
         with in_row(gui):
             add = gui.add_button("Add it to the arm", icon=viser.Icon.PLUS)
         session.needs(
