@@ -218,7 +218,7 @@ class Timeline:
         if motion is None or motion.duration <= 0.0:
             why = sentence(self._ahead.note) if whole and self._ahead.note else _NOTHING
             return f"<header>{chips}</header><p class='plot'>{escape(why)}</p>"
-        csv = button("timeline-csv", "CSV", title="Download what is drawn", kind="tool")
+        csv = button("timeline-csv", "CSV", title="Download what is drawn", kind="tool", icon="download")
         clips = self._clips(motion) if whole else ""
         curves = self._tracked(motion).curves(self.graph.times(motion.duration))
         plot = self.graph.plot(curves, _MOTIONS[self._shows], _TICKS, self._speed, clips)

@@ -194,6 +194,7 @@ class Graph:
                 key=key,
                 title=title,
                 kind="tool",
+                icon=key,
                 why=None if key == "in" else why,
             )
             for key, label, title in _TOOLS

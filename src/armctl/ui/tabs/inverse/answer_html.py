@@ -188,11 +188,8 @@ _ALONG = 1e-6
 """how far off the vertical or the horizontal an axis is no more along it"""
 
 
-def ways_html(found: RankedSolutions, row: int | None, answer: int) -> str:
-    """Every way as a card, that of the selected row (from 1) as chosen; empty where there is none.
-
-    A card's key is ``answer``, the number of the answer, and which way of it.
-    """
+def count_html(found: RankedSolutions) -> str:
+    """How many ways there are, and what their numbers mean; empty where there is none."""
     ways = found.choices
     if not ways:
         return ""
@@ -203,7 +200,17 @@ def ways_html(found: RankedSolutions, row: int | None, answer: int) -> str:
     may = "" if possible == len(ways) else f", {possible} possible" if len(ways) > 1 else ", refused"
     free = found.solutions.free_joint
     about = "" if free is None else f" {_BEST_TOLD.format(found.robot.joints[free].title)}"
-    head = f"<b>{many}</b>{may}{hint(_WAYS_TOLD + about)}"
+    return f"<b>{many}</b>{may}{hint(_WAYS_TOLD + about)}"
+
+
+def ways_html(found: RankedSolutions, row: int | None, answer: int) -> str:
+    """Every way as a card, that of the selected row (from 1) as chosen; empty where there is none.
+
+    A card's key is ``answer``, the number of the answer, and which way of it.
+    """
+    ways = found.choices
+    if not ways:
+        return ""
     chosen = next((i for i, way in enumerate(ways) if row is not None and row in way.rows), None)
     pictures = _thumbnails(found.robot, np.array([way.q for way in ways]))
     cards = "".join(
@@ -211,8 +218,7 @@ def ways_html(found: RankedSolutions, row: int | None, answer: int) -> str:
         for i, (way, picture) in enumerate(zip(ways, pictures, strict=True))
     )
     name = "Ways to the target"
-    listed = f"<div class=armctl-cards role=listbox aria-label='{name}'>{cards}</div>"
-    return f"<div class=armctl-count>{head}</div>{listed}"
+    return f"<div class=armctl-cards role=listbox aria-label='{name}'>{cards}</div>"
 
 
 def _card(found: RankedSolutions, way: Way, key: str, picture: str, *, chosen: bool, first: bool) -> str:

@@ -15,11 +15,10 @@ from armctl.protocol import Snapshot
 from armctl.ui.events import Newest, OneAtATime
 from armctl.ui.next_line import Told
 from armctl.ui.next_pose import Movement, PoseWriter
-from armctl.ui.offers import NO_REASON, why_html
 from armctl.ui.scene.ghost import Preview
 from armctl.ui.session import Session
 from armctl.ui.tabs.inverse.answer import RankedSolutions, Way, answer, counted, solve
-from armctl.ui.tabs.inverse.answer_html import details_html, notice_html, ways_html
+from armctl.ui.tabs.inverse.answer_html import count_html, details_html, notice_html, ways_html
 from armctl.ui.tabs.inverse.branches import TAB, BranchView
 from armctl.ui.tabs.inverse.curve import EnergyCurveView
 from armctl.ui.tabs.inverse.solution_list import SolutionList
@@ -31,7 +30,7 @@ from armctl.ui.widgets.profile_choice import MOVEMENTS, ProfileChoice
 _CHANGED = "The fields have changed: press Solve. Go by least energy solves them first."
 _MOVED_SINCE = "The arm has moved since: Go by least energy solves anew first."
 _JUDGED_BEFORE = "The arm has moved since: press Solve to judge the ways anew."
-_WAYS = "ways"
+_WAYS, _LINE = "ways", "ways-line"
 _MARK_COLOR = (214, 51, 108)
 _MOVED = 1e-4
 _DRAG_PAUSE_S = 0.1
@@ -63,7 +62,8 @@ class InverseScreen:
                 session.needs(Need.HOLDING, go_selected, also=self._not_selected, told=False),
                 session.needs(Need.HOLDING, go_least, also=self._no_least, told=False),
             )
-        self._line = LiveHtml(gui, NO_REASON)
+        session.parts.add(gui, _LINE)
+        session.parts.show(_LINE, _line_of(""))
         self._notice = LiveHtml(gui, visible=False)
         self._nearest = gui.add_button("Take nearest point", color="gray", visible=False)
         session.parts.add(gui, _WAYS)
@@ -99,7 +99,7 @@ class InverseScreen:
         if snapshot.state is not State.MOVING:  # a field that changes all the time cannot be typed into
             self._form.following.follow(self._session.next.shown(snapshot.q_command))
         self._branches.refresh()
-        self._line.show(self._line_html(snapshot))
+        self._session.parts.show(_LINE, _line_of(self._line_html(snapshot)))
         if self._fields_changed is not self._ghost_is_old:
             self._ghost_is_old = self._fields_changed
             if self._ghost_is_old:
@@ -123,13 +123,15 @@ class InverseScreen:
         self._form.following.follow(self._session.snapshot.q_command)
 
     def _line_html(self, snapshot: Snapshot) -> str:
-        """That the answer is out of date, or why no button goes; its line stays where it says nothing."""
+        """That the answer is out of date, or why no button goes; else how many ways there are."""
         stale = self._out_of_date(snapshot) or self._judged_before(snapshot)
         if stale:
-            return why_html(warned(stale))
+            return warned(stale)
         why = next((offer.why for offer in self._offers if offer.why is not None), None)
         unmet = self._answer is not None and not self._answer.solutions.success  # told below
-        return NO_REASON if why is None or unmet else why_html(escape(sentence(why)))
+        if why is not None and not unmet:
+            return escape(sentence(why))
+        return "" if self._answer is None or not self._answered else count_html(self._answer)
 
     @property
     def _fields_changed(self) -> bool:
@@ -378,6 +380,11 @@ class InverseScreen:
 
 def _criterion_text(criterion: str) -> str:
     return f"Least energy is the {CRITERION_TEXT[checked_criterion(criterion)]}."
+
+
+def _line_of(content: str) -> str:
+    """As high whatever it says: what lies below it stays in its place."""
+    return f"<div class=armctl-count>{content}</div>"
 
 
 def _why_none(found: RankedSolutions) -> Told:
