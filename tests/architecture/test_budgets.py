@@ -36,7 +36,7 @@ FOLDERS = {
     "runtime": (26, 6_630),  # joints let down, messages, which warnings a cause tells, tools; a jog rests
     "ui": (
         109,
-        25_230,
+        25_260,
     ),  # a program that runs is followed under the scene; steps edited number by number; solutions as a table
 }
 """files and lines, at most"""

@@ -9,12 +9,7 @@ import numpy as np
 
 from armctl.ui.session import Session
 from armctl.ui.tabs.inverse.answer import RankedSolutions, counted
-from armctl.ui.tabs.inverse.answer_html import (
-    comparison,
-    list_head,
-    list_row,
-    selected_html,
-)
+from armctl.ui.tabs.inverse.answer_html import comparison, list_head, list_row, selected_html
 from armctl.ui.widgets.html import LiveHtml, Pager
 
 _COMPARED, _LISTED = "compared-solutions", "solutions"
@@ -98,10 +93,11 @@ def rows_table(
     """
 
     def head(i: int, text: str) -> str:
+        told = escape(text).replace(" °", "&nbsp;°")
         if not sorts or i in words:
-            return escape(text)
-        mark = " ▾" * (i == by)
-        return f"<button type=button data-do={sorts} data-key={i}>{escape(text)}{mark}</button>"
+            return told
+        mark = "&nbsp;▾" * (i == by)
+        return f"<button type=button data-do={sorts} data-key={i}>{told}{mark}</button>"
 
     kind = [" class=word" * (i in words) for i in range(len(heads))]
     first = next((number for number, _ in rows if number == selected), rows[0][0] if rows else 0)
