@@ -164,7 +164,9 @@
       const wanted = row && made(key);
       if (!wanted) continue;
       number(wanted, row.querySelector("[data-nth]")?.textContent ?? "");
+      const was = wanted.querySelector("[data-set]") ? row.offsetHeight : Infinity;
       renew(row, wanted);
+      if (was < Infinity && row.offsetHeight > was) view(place, row); // what was unfolded is seen
     }
     if (focused || document.activeElement === document.body) keepFocus(place, focused);
     keepInView(place);

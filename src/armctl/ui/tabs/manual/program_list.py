@@ -359,11 +359,12 @@ class ProgramList:
         if wrong := wrong or int(bool(self._editor.leads_nowhere)):
             return f"<span class=bad>{'1 step' if wrong == 1 else f'{wrong} steps'} cannot run</span>"
         edit, found = self._shared.last_edit, self._ahead.rehearsal
+        known = found is not None and self._shared.keys and not self._ahead.note
+        lasts = f"{fixed(found.duration / snapshot.speed, 1)} s a pass" if found is not None and known else ""
         if edit is not None and edit.by.id != self._session.me:
-            return f"<span role=status>{escape(edit.by.name)} edited row {edit.row + 1}</span>"
-        if found is None or not self._shared.keys or self._ahead.note:
-            return f"<span>{html.EMPTY_LINE}</span>"
-        return f"<span>{fixed(found.duration / snapshot.speed, 1)} s a pass</span>"
+            lasts = f"{escape(edit.by.name)} edited row {edit.row + 1}{' · ' * bool(lasts)}{lasts}"
+            return f"<span role=status title='{lasts}'>{lasts}</span>"
+        return f"<span>{lasts or html.EMPTY_LINE}</span>"
 
 
 def pass_words(at: ProgramProgress) -> str:

@@ -94,11 +94,12 @@ def row_html(
             f"<em role=gridcell class=armctl-{state.severity} title='{escape(what)}'>{escape(what)}</em>"
         )
     selected = state.selected
-    more = _tools(key, row) if state.tools else ""
+    more, kinds = _tools(key, row) if state.tools else "", " tools" * state.tools
     if state.fields:
+        kinds += " edits"
         more += f"<div role=gridcell class=armctl-fields data-key={key}>{state.fields}</div>"
     return (
-        f"<armctl-row role=row class=armctl-step data-key={key} data-do=step "
+        f"<armctl-row role=row class='armctl-step{kinds}' data-key={key} data-do=step "
         f"tabindex={0 if selected else -1} aria-selected={'true' if selected else 'false'}{mark}>"
         f"<i data-grip></i><span role=gridcell class=nth data-nth></span>{icon_of(type(step))}"
         f"<b role=gridcell>{escape(step.title.capitalize())}</b>"

@@ -267,8 +267,9 @@ class StepEdit:
             )
         here = _touch_button(self.key, number, label) if key.field.touched else ""
         title = f"<small>{escape(label)}</small>" if titled else ""
+        place = " place" * key.field.touched
         return (
-            f"<div class='wide numbers' role=group aria-label='{escape(label)}' "
+            f"<div class='wide numbers{place}' role=group aria-label='{escape(label)}' "
             f"title='{escape(key.field.hint)}'>{title}<div>{boxes}{here}</div>{refusals}</div>"
         )
 
