@@ -12,6 +12,7 @@
 (() => {
   "use strict";
   const RETRY_MS = [300, 3000]; // at first, and at most
+  const AROUND = 5; // how far up what is around a part is marked
   const EDGE_PX = 28; // a row that is dragged so near to the end of its list scrolls it
   const texts = new Map(); // the newest HTML of each part
   const lists = new Map(); // of each list: the order of its rows, the HTML of each, and which have changed
@@ -83,6 +84,10 @@
     "armctl-part",
     class extends HTMLElement {
       connectedCallback() {
+        // Styles of what is around it need no :has, by which each change of a long list would style all of it anew.
+        const name = this.getAttribute("name");
+        let around = /^\w+$/.test(name) ? this.parentElement : null;
+        for (let up = 1; around && up <= AROUND; up++, around = around.parentElement) around.setAttribute(`data-around-${name}`, up);
         this.render();
         for (const place of this.querySelectorAll("[data-rows]")) fill(place);
       }
