@@ -163,6 +163,25 @@ def test_on_a_phone_the_row_of_tabs_scrolls_to_the_last(phone: Screen) -> None:
     assert phone.page.evaluate("innerWidth") == 390
 
 
+_TOP = "element => element.getBoundingClientRect().top"
+
+
+def test_on_a_phone_a_tab_below_the_open_program_comes_into_view(phone: Screen) -> None:
+    phone.page.get_by_role("button", name="Serial motion").first.tap()
+    expect(phone.button("Add step ▾")).to_be_visible(timeout=PATIENCE_MS)
+    tab = phone.page.get_by_role("tab", name="Inverse", exact=True)
+    # Playwright's own tap scrolls by itself.
+    tab.evaluate("tab => { tab.scrollIntoView({ block: 'end' }); tab.click() }")
+    sheet = tab.evaluate("tab => tab.closest('.mantine-ScrollArea-viewport').getBoundingClientRect().top")
+    phone.wait_until(lambda: tab.evaluate(_TOP) < sheet + 20, "the tabs are right below the picture")
+    expect(phone.button("Solve")).to_be_in_viewport(ratio=1, timeout=PATIENCE_MS)
+    expect(phone.button("Go by least energy")).to_be_in_viewport(ratio=1)
+    before = tab.evaluate(_TOP)
+    phone.page.get_by_role("tab", name="Forward", exact=True).tap()
+    expect(phone.button("Go with respect to reference")).to_be_visible(timeout=PATIENCE_MS)
+    assert tab.evaluate(_TOP) == before
+
+
 def test_on_a_phone_a_list_that_opens_leaves_stop_where_it_is(phone: Screen) -> None:
     phone.page.get_by_role("tab", name="Trajectory", exact=True).tap()
     phone.entry("To").tap()

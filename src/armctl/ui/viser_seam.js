@@ -37,6 +37,14 @@ const armctlViser = (() => {
     const tabs = document.querySelectorAll("#root [role=tab][aria-selected=true]");
     return Array.from(tabs).filter((tab) => tab.offsetParent).map(tabLabel);
   }
+  // On a phone the tabs stand below the program, which may be long: one that is opened comes into view.
+  document.addEventListener("click", ({ target }) => {
+    const tabs = target.closest?.("#root [role=tab]")?.closest("[role=tablist]");
+    if (!tabs || tabs.closest("[role=tabpanel]") || !matchMedia("(max-width: 36em)").matches) return;
+    const [sheet, at] = [tabs.closest(".mantine-ScrollArea-viewport"), tabs.getBoundingClientRect()];
+    const seen = sheet?.getBoundingClientRect();
+    if (seen && at.top > seen.top + seen.height / 3) tabs.scrollIntoView({ block: "start" });
+  });
   const tabLabel = (tab) => (tab?.title || tab?.textContent || "").trim();
 
   // viser's labels name few of its fields, for those who have them read aloud.
