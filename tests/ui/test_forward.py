@@ -41,7 +41,7 @@ def test_results_tell_where_both_buttons_lead_and_what_is_outside(server: Guarde
         assert np.array_equal(resulting_pose(how, asked, HOME), goal)
     angles = angle_fields(server.gui, ROBOT, asked)
     told = results_html(ROBOT, angles, HOME)
-    assert "→ reference" in told.reference and "→ last position" in told.last
+    assert "<td>reference</td>" in told.reference and "<td>last</td>" in told.last
     assert "class=bad" not in told.reference and "<td class=bad>180.0</td>" in told.last
     page = FakePage(server, ROBOT, HOME)
     screen = ForwardScreen(page.session)

@@ -108,7 +108,7 @@ class Bench:
 
     def row(self, name: str) -> FloatArray | None:
         """(n,) what the row for a button says [degrees, to 0.1]; None: there is no such row."""
-        found = re.search(rf"<td aria-label='{name}'>→</td>((?:<td[^>]*>[^<]*</td>)+)", self.page.html)
+        found = re.search(rf"<td>{name}</td>((?:<td[^>]*>[^<]*</td>)+)", self.page.html)
         if found is None:
             return None
         cells = re.findall(r">([^<]+)</td>", found.group(1).replace("−", "-"))
@@ -117,7 +117,7 @@ class Bench:
     def looks_true(self) -> None:
         html, following = self.page.html, self.page.next
         assert (FOLLOWS in html) is not (self.edited or following.q is not None)
-        reference, last = self.row("→ reference"), self.row("→ last position")
+        reference, last = self.row("reference"), self.row("last")
         said = re.search(rf"The ghost shows the ({'|'.join(map(re.escape, SHOWN))})(, as it was then)?", html)
         assert (said is not None) is self.screen._writer.shown
         if said is not None:
@@ -135,7 +135,7 @@ class Bench:
             assert outside or stands_there, "what the button would do is not drawn"
 
     def press(self, button: str) -> None:
-        row = self.row("→ reference" if button == REFERENCE else "→ last position")
+        row = self.row("reference" if button == REFERENCE else "last")
         if button == REFERENCE and not self.edited and self.page.next.q is None:
             row = np.degrees(self.present)  # "it would stay where it is"
         before = len(self.page.sent)

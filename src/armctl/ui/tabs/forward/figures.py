@@ -262,6 +262,10 @@ REFERENCE = "Go with respect to reference"
 LAST = "Go with respect to last position"
 PRESENT = "present pose (live)"
 SHOWN = ("angles as reference", "angles added to last position", PRESENT)
+ABOUT = {REFERENCE: "to these angles", LAST: "by these angles, from where it stands"}
+"""what each button does, in other words"""
+_NAMED = 5
+"""so many joints have their names above their columns"""
 _UNEDITED = "The fields follow the arm until you edit them."
 _TAKEN = "The fields show the next pose until you edit them."
 
@@ -307,14 +311,24 @@ def results_html(
     except ArmctlError as refusal:
         notes = refused(f"Nothing can be sent: {refusal}.")
     else:
-        reference = _goal_html(robot, "→ reference", resulting_pose(REFERENCE, asked, present))
-        last = _goal_html(robot, "→ last position", resulting_pose(LAST, asked, present))
+        reference = _goal_html(robot, "reference", resulting_pose(REFERENCE, asked, present), _says(REFERENCE))
+        last = _goal_html(robot, "last", resulting_pose(LAST, asked, present), _says(LAST))
     drawn = muted(f"The ghost shows the {ghost}.") if ghost else ""
-    names = (*(joint.title for joint in robot.joints), "X mm", "Y mm", "Z mm")
-    head = "".join(f"<th>{escape(name)}</th>" for name in names)
+    head = "".join(_heads(robot)) + "".join(f"<th>{axis} mm</th>" for axis in "XYZ")
     return Results(
         _goal_html(robot, "now", present, f"<tr><td></td>{head}</tr>"), reference, last, notes + drawn
     )
+
+
+def _says(how: str) -> str:
+    return f"<caption>{ABOUT[how]}</caption>"
+
+
+def _heads(robot: Robot) -> list[str]:
+    """The joints' names; their numbers where a word of them may not fit into its column."""
+    if robot.n <= _NAMED:
+        return [f"<th>{escape(joint.title)}</th>" for joint in robot.joints]
+    return [f"<th title='{escape(joint.title)}'>J{i}</th>" for i, joint in enumerate(robot.joints, 1)]
 
 
 def _goal_html(robot: Robot, name: str, q: FloatArray, head: str = "") -> str:
@@ -323,8 +337,7 @@ def _goal_html(robot: Robot, name: str, q: FloatArray, head: str = "") -> str:
     marks = (*("" if ok else " class=bad" for ok in inside.tolist()), "", "", "")
     values = (*robot.shown(q).tolist(), *(1000 * robot.forward(q)[:3, 3]).tolist())
     cells = "".join(f"<td{mark}>{fixed(v, 1)}</td>" for mark, v in zip(marks, values, strict=True))
-    first = name.partition(" ")[0]
-    return f"<table class=armctl-goal>{head}<tr><td aria-label='{name}'>{first}</td>{cells}</tr></table>"
+    return f"<table class=armctl-goal>{head}<tr><td>{name}</td>{cells}</tr></table>"
 
 
 def offers_html(why: Mapping[str, str | Reason | None]) -> str:

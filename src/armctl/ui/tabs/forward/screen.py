@@ -24,6 +24,7 @@ from armctl.ui.next_pose import End, Movement, PoseWriter
 from armctl.ui.offers import NO_REASON
 from armctl.ui.session import Session
 from armctl.ui.tabs.forward.figures import (
+    ABOUT,
     LAST,
     PRESENT,
     REFERENCE,
@@ -72,9 +73,10 @@ class ForwardScreen:
             self._fill_with = gui.add_button_group("Fill with", ("present pose", *self._robot.poses))
             self._movement = ProfileChoice(gui, session.on, MOVEMENTS)
             self._now = LiveHtml(gui)
-            absolute = gui.add_button(REFERENCE, icon=viser.Icon.PLAYER_PLAY, color="gray")
+            go = partial(gui.add_button, icon=viser.Icon.PLAYER_PLAY, color="gray")
+            absolute = go(REFERENCE, hint=ABOUT[REFERENCE])
             self._reference = LiveHtml(gui)
-            relative = gui.add_button(LAST, icon=viser.Icon.PLAYER_PLAY, color="gray")
+            relative = go(LAST, hint=ABOUT[LAST])
             self._last = LiveHtml(gui)
             self._offers = {
                 how: session.needs(Need.HOLDING, button, also=partial(self._outside, how), told=False)
