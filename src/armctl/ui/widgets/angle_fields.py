@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Awaitable
+from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 
 import numpy as np
@@ -53,6 +54,8 @@ def angle_fields(gui: viser.GuiApi, robot: Robot, q: FloatArray) -> FieldArray:
     return angles
 
 
+Container = AbstractContextManager[object]
+"""of viser: what is added within it stands in it"""
 CONVENTION = "R = Rz(yaw) · Ry(pitch) · Rx(roll): turns about the base's x, then y, then z axis."
 _TURNS = (
     ("Rx °", "Roll: the turn about the base's x axis, which comes first."),
@@ -65,17 +68,20 @@ _QUATERNION_HINT = "The same orientation as w, x, y, z, of any length. Type eith
 class OrientationFields:
     """Rx, Ry and Rz, and the quaternion: each shows what was typed into the other."""
 
-    def __init__(self, gui: viser.GuiApi, rotation: FloatArray, *, visible: bool = True) -> None:
-        """Add them to the present container, filled with ``R_base_tool`` (3, 3)."""
+    def __init__(
+        self, gui: viser.GuiApi, rotation: FloatArray, *, visible: bool = True, apart: Container | None = None
+    ) -> None:
+        """Add them to the present container, filled with ``R_base_tool`` (3, 3); the quaternion ``apart``."""
         turns = [
             NumberField(gui, label, None, hint=f"{hint} {CONVENTION}", visible=visible)
             for label, hint in _TURNS
         ]
         self._rpy = FieldArray(turns, DEGREES)
-        self._quaternion = NumbersField(
-            gui, "Quaternion", "wxyz", quaternion_wxyz(rotation), 1.0, _QUATERNION_HINT,
-            digits=6, visible=visible,
-        )  # fmt: skip
+        with apart or nullcontext():
+            self._quaternion = NumbersField(
+                gui, "Quaternion", "wxyz", quaternion_wxyz(rotation), 1.0, _QUATERNION_HINT,
+                digits=6, visible=visible,
+            )  # fmt: skip
         self._by_quaternion = False
         self.fields: tuple[TextEntry, ...] = (*turns, self._quaternion)
         self.fill(rotation)

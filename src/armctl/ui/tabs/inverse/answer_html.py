@@ -174,12 +174,14 @@ def _in_one_line(angles: str) -> str:
 
 
 _WAYS_TOLD = (
-    "Time: by a planned movement from where the arm stands. Turns: what its joints turn on the way, added "
-    "up; a slow joint's counts for more. Load: what they bear there, all together."
+    "Seconds: of a planned movement from where the arm stands. Degrees: what its joints turn on the way, "
+    "added up; a slow joint's count for more. Then the load: what they bear there, all together."
 )
 _BEST_TOLD = "{0} may have many angles here: a card is the best of them, the curve shows the others."
 _FEW_JOINTS = 5
 """so many angles stand beside each other with a decimal on a narrow card"""
+_LARGE_LOAD = 10.0
+"""needs one decimal only [N·m]"""
 _PICTURE, _DRAWN = 44, 36
 """width of a picture, and of the largest arm in it [px]"""
 _UPRIGHT_M = 1e-6
@@ -227,14 +229,15 @@ def _card(found: RankedSolutions, way: Way, key: str, picture: str, *, chosen: b
         body, angles = f"<em>{escape(way.refused)}</em>", ""
     else:
         cost = way.costs
-        figures = [f"{fixed(cost.time_s, 2)} s", f"turns {fixed(cost.travel_deg, 0)}°"]
+        figures = [f"{fixed(cost.time_s, 2)} s", f"{fixed(cost.travel_deg, 0)}°"]
         if cost.load:
             unit = unit_of("least-torque", found.solutions.arm.energy).removesuffix(" of stall")
-            figures.append(f"load {fixed(cost.load, 0 if unit == '%' else 2)} {unit}")
+            digits = 0 if unit == "%" else 1 if cost.load >= _LARGE_LOAD else 2
+            figures.append(f"{fixed(cost.load, digits)} {unit}")
         badges = "".join(f"<span class=armctl-badge>{one}</span>" for one in way.least)
         more = len(way.rows) - 1
         turns = f"<span>+{more} by whole turns</span>" * bool(way.folded and more)
-        told = " ".join(f"<span>{escape(figure)}</span>" for figure in figures)
+        told = " · ".join(escape(figure) for figure in figures)
         body = f"<p>{told}</p><p>{badges}{turns}</p>"
         digits = 1 if len(way.q) <= _FEW_JOINTS or len(found.choices) == 1 else 0
         shown = (f"<span>{fixed(angle, digits)}°</span>" for angle in found.robot.shown(way.q).tolist())
@@ -244,7 +247,7 @@ def _card(found: RankedSolutions, way: Way, key: str, picture: str, *, chosen: b
         f"<div class='armctl-card{' armctl-refused' * bool(way.refused)}' role=option {state} "
         f"tabindex={0 if first else -1} data-key={key} data-do=way data-look=look-way "
         f"title='{escape(way.refused)}'>"
-        f"{picture}<div><b>{escape(_in_words(way.name))}</b>{body}</div>{angles}</div>"
+        f"<b>{escape(_in_words(way.name))}</b>{picture}<div>{body}</div>{angles}</div>"
     )
 
 

@@ -33,6 +33,8 @@ _JUDGED_BEFORE = "The arm has moved since: press Solve to judge the ways anew."
 _WAYS, _LINE = "ways", "ways-line"
 _MARK_COLOR = (214, 51, 108)
 _MOVED = 1e-4
+_LAST = 1e9
+"""the order of what stands at the end of a tab"""
 _DRAG_PAUSE_S = 0.1
 
 
@@ -51,8 +53,13 @@ class InverseScreen:
         self._newest, self._one_at_a_time = Newest(), asyncio.Lock()
         self._judging = OneAtATime(self._judge_selected)
         gui = session.gui
+        rare = None
+        if self._robot.orients_tool:  # below all others, so that its ways are in view
+            with gui.add_folder("Quaternion and target", order=_LAST, expand_by_default=False):
+                rare = field_grid(gui)
+                session.on(rare.on_submit, self._on_solve)
         with field_grid(gui) as entered:  # Enter in a field is Solve
-            self._form = TargetForm(session, OneAtATime(self._solve_dragged).run)
+            self._form = TargetForm(session, OneAtATime(self._solve_dragged).run, rare)
         with button_pairs(gui):  # all buttons stand above the answer: it moves none of them
             solve_fields = gui.add_button("Solve", icon=viser.Icon.TARGET)
             fill = gui.add_button("present position", color="gray")

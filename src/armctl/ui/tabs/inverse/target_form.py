@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Awaitable
+from contextlib import nullcontext
 
 import viser
 
@@ -12,7 +13,7 @@ from armctl.facts.angles import from_degrees, to_degrees
 from armctl.kinematics import Target
 from armctl.ui.events import Action
 from armctl.ui.session import Session
-from armctl.ui.widgets.angle_fields import OrientationFields
+from armctl.ui.widgets.angle_fields import Container, OrientationFields
 from armctl.ui.widgets.html import LiveHtml, muted
 from armctl.ui.widgets.number_field import DraggedPoint, EditWatch, Following, NumberField
 
@@ -26,7 +27,8 @@ ANY, PITCH_AND_ROLL, WHOLE = "any: position only", "tool pitch and roll", "whole
 class TargetForm:
     """The fields, and the target coupled with them; ``dragged`` runs at every drag."""
 
-    def __init__(self, session: Session, dragged: Action) -> None:
+    def __init__(self, session: Session, dragged: Action, rare: Container | None) -> None:
+        """``rare``: where the quaternion and the switch of the target stand; None: beside the others."""
         self._robot, self._dragged = session.console.robot, dragged
         gui, present = session.gui, session.snapshot.q_command
         pose = self._robot.forward(present)
@@ -38,7 +40,9 @@ class TargetForm:
         if self._robot.orients_tool:
             begins = WHOLE if self._robot.criterion == "least-travel" else ANY  # as the paper that it is from
             self._kind = gui.add_dropdown("Orientation", (ANY, PITCH_AND_ROLL, WHOLE), initial_value=begins)
-            self._orientation = OrientationFields(gui, pose[:3, :3], visible=begins == WHOLE)
+            self._orientation = OrientationFields(
+                gui, pose[:3, :3], visible=begins == WHOLE, apart=rare
+            )
         self._turns: list[tuple[viser.GuiCheckboxHandle, NumberField, bool]] = []
         for name, hint, angle in zip(("pitch", "roll"), (_PITCH_HINT, _ROLL_HINT), angles, strict=True):
             has = angle is not None
@@ -47,7 +51,8 @@ class TargetForm:
             field = NumberField(gui, f"{name.capitalize()} °", degrees, hint=hint, visible=False)
             self._turns.append((use, field, has))
         self._neither = LiveHtml(gui, muted(_NEITHER), visible=False)
-        self._show = gui.add_checkbox("Show target", initial_value=False, hint=_SHOW_HINT)
+        with rare or nullcontext():
+            self._show = gui.add_checkbox("Show target", initial_value=False, hint=_SHOW_HINT)
         xyz = self.point.xyz.fields
         typed = () if self._orientation is None else self._orientation.fields
         turns = [field for _, field, _ in self._turns]
