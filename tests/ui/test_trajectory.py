@@ -32,10 +32,12 @@ from armctl.ui.tabs.trajectory.graphs import (
     OF,
     QUANTITIES,
     compare_html,
-    cursor_html,
     curves,
+    joints_html,
+    named_html,
     peaks_html,
     title,
+    tool_html,
 )
 from armctl.ui.tabs.trajectory.plan import (
     ARC,
@@ -224,7 +226,7 @@ def test_a_program_is_shown_as_it_runs_as_far_as_it_can_be_run() -> None:
     assert found.trajectory.sample(3.0).q == pytest.approx(HOME)
     assert [step for _, step in found.steps] == [0, 1, 2, 4, 5, 4, 5]
     assert [found.step_at(time) for time in (0.0, 3.0, 1e9)] == [0, 1, 5]
-    assert "step 2" in cursor_html(found, 3.0)
+    assert "step 2" in tool_html(found, 3.0)
     assert of_program(SpeedStep(percent=50), there).trajectory.duration == pytest.approx(4.0, abs=0.03)
     found = of_program(GO_HOME, LineStep(x_mm=900, y_mm=0, z_mm=100))
     assert found.trajectory.end == pytest.approx(HOME)
@@ -257,10 +259,10 @@ def test_graphs_have_a_line_a_coordinate_and_dashed_limits_where_they_matter() -
         assert all(len(line.y) == len(drawn.x) and np.isfinite(line.y).all() for line in drawn.lines)
         values = drawn.at(np.array([0.3])).lines[0].y  # where the cursor stands
         assert values == pytest.approx(np.interp(0.3, drawn.x, drawn.lines[0].y))
-    html = peaks_html(found)
+    html = named_html(found) + peaks_html(found)
     duration = f"{found.trajectory.duration:.3f} s"
     assert all(word in html for word in (duration, "Shoulder", "speed °/s", ">360<", ">60<", "mm/s²"))
-    numbers = cursor_html(found, 0.0)
+    numbers = tool_html(found, 0.0) + joints_html(found, 0.0)
     assert "at 0.00 s: tool (<b>124.7, 3.6, 267.5</b>) mm, 0.0 mm/s" in numbers
     assert all(joint.title in numbers for joint in ROBOT.joints)
     fast = planned(end=ZERO, profile="trapezoid")

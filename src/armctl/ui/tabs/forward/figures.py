@@ -311,17 +311,13 @@ def results_html(
     except ArmctlError as refusal:
         notes = refused(f"Nothing can be sent: {refusal}.")
     else:
-        reference = _goal_html(robot, "reference", resulting_pose(REFERENCE, asked, present), _says(REFERENCE))
-        last = _goal_html(robot, "last", resulting_pose(LAST, asked, present), _says(LAST))
+        reference = _goal_html(robot, "reference", resulting_pose(REFERENCE, asked, present), REFERENCE)
+        last = _goal_html(robot, "last", resulting_pose(LAST, asked, present), LAST)
     drawn = muted(f"The ghost shows the {ghost}.") if ghost else ""
     head = "".join(_heads(robot)) + "".join(f"<th>{axis} mm</th>" for axis in "XYZ")
     return Results(
-        _goal_html(robot, "now", present, f"<tr><td></td>{head}</tr>"), reference, last, notes + drawn
+        _goal_html(robot, "now", present, head=f"<tr><td></td>{head}</tr>"), reference, last, notes + drawn
     )
-
-
-def _says(how: str) -> str:
-    return f"<caption>{ABOUT[how]}</caption>"
 
 
 def _heads(robot: Robot) -> list[str]:
@@ -331,12 +327,13 @@ def _heads(robot: Robot) -> list[str]:
     return [f"<th title='{escape(joint.title)}'>J{i}</th>" for i, joint in enumerate(robot.joints, 1)]
 
 
-def _goal_html(robot: Robot, name: str, q: FloatArray, head: str = "") -> str:
+def _goal_html(robot: Robot, name: str, q: FloatArray, how: str = "", head: str = "") -> str:
     """A row of numbers at ``q`` (n,) [rad]: one that is outside the limits of its joint stands out."""
     inside = (robot.limits[:, 0] - _INSIDE_RAD <= q) & (q <= robot.limits[:, 1] + _INSIDE_RAD)
     marks = (*("" if ok else " class=bad" for ok in inside.tolist()), "", "", "")
     values = (*robot.shown(q).tolist(), *(1000 * robot.forward(q)[:3, 3]).tolist())
     cells = "".join(f"<td{mark}>{fixed(v, 1)}</td>" for mark, v in zip(marks, values, strict=True))
+    head = f"<caption>{ABOUT[how]}</caption>" if how else head
     return f"<table class=armctl-goal>{head}<tr><td>{name}</td>{cells}</tr></table>"
 
 

@@ -40,9 +40,7 @@ class TargetForm:
         if self._robot.orients_tool:
             begins = WHOLE if self._robot.criterion == "least-travel" else ANY  # as the paper that it is from
             self._kind = gui.add_dropdown("Orientation", (ANY, PITCH_AND_ROLL, WHOLE), initial_value=begins)
-            self._orientation = OrientationFields(
-                gui, pose[:3, :3], visible=begins == WHOLE, apart=rare
-            )
+            self._orientation = OrientationFields(gui, pose[:3, :3], visible=begins == WHOLE, apart=rare)
         self._turns: list[tuple[viser.GuiCheckboxHandle, NumberField, bool]] = []
         for name, hint, angle in zip(("pitch", "roll"), (_PITCH_HINT, _ROLL_HINT), angles, strict=True):
             has = angle is not None

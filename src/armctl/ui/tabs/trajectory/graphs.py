@@ -65,15 +65,17 @@ class GraphView:
         self._note = LiveHtml(gui, muted(_JERK_NOTE), visible=False)
         self._cursor_box = gui.add_folder(None, visible=False)
         with self._cursor_box:
-            self._time = gui.add_slider("Time s", 0.0, 1.0, 0.001, initial_value=0.0, hint=_ZOOM_NOTE)
             self._play = gui.add_button(_PLAY[0], icon=_PLAY[1], color="gray")
-            self._speed = gui.add_slider("Play speed %", *_SPEEDS, initial_value=100, hint=_SPEED_HINT)
+            self._time = gui.add_slider("Time s", 0.0, 1.0, 0.001, initial_value=0.0, hint=_ZOOM_NOTE)
             with choices_in_row(gui):
                 self._of = gui.add_dropdown("Graph of", OF)
                 self._quantity = gui.add_dropdown("Quantity", tuple(QUANTITIES))
                 self._limits = gui.add_dropdown("Limits", LIMITS, hint=_LIMITS_HINT)
             self._where = LiveHtml(gui)
-        self._peaks = LiveHtml(gui)
+        with gui.add_folder("Numbers and play speed", expand_by_default=False):
+            self._speed = gui.add_slider("Play speed %", *_SPEEDS, initial_value=100, hint=_SPEED_HINT)
+            self._joints = LiveHtml(gui)
+            self._peaks = LiveHtml(gui)
         with gui.add_folder("Compare"):
             self._compared = LiveHtml(gui, muted(_COMPARE_NOTE))
             keep = gui.add_button("Keep as A", icon=viser.Icon.PIN, color="gray")
@@ -142,7 +144,8 @@ class GraphView:
         time = min(time, shown.trajectory.duration)
         self._preview.show(shown.trajectory.sample(time).q, self._session.snapshot.q_command)
         if draw:
-            self._where.show(cursor_html(shown, time))
+            self._where.show(tool_html(shown, time))
+            self._joints.show(joints_html(shown, time))
             self._place_cursor(time)
             self._draw()
 
@@ -286,8 +289,13 @@ def _limits(shown: PlannedMotion, of: str, quantity: str, limits: str) -> list[B
     return bounds
 
 
+def named_html(planned: PlannedMotion) -> str:
+    """What a motion is, and how long it takes."""
+    return strong(f"{planned.title}: {fixed(planned.trajectory.duration, 3)} s")
+
+
 def peaks_html(planned: PlannedMotion) -> str:
-    """Duration, largest joint speeds and accelerations against their limits, largest tool speed."""
+    """Largest joint speeds and accelerations against their limits, largest tool speed."""
     robot, motion, peaks = planned.robot, planned.motion, planned.peaks
     columns = (peaks.speed, robot.speed_limits, peaks.acceleration, robot.acceleration_limits)
     rows = [
@@ -300,29 +308,34 @@ def peaks_html(planned: PlannedMotion) -> str:
     tool_acceleration = 1000 * float(np.linalg.norm(motion.tool_acceleration, axis=1).max())
     asked = "" if planned.speed is None else f" (asked for: {fixed(1000 * planned.speed, 0)} mm/s)"
     return (
-        strong(f"{planned.title}: {fixed(planned.trajectory.duration, 3)} s")
-        + heading("Peaks against the limits")
+        heading("Peaks against the limits")
         + table(["largest", "speed °/s", "limit", "acc. °/s²", "limit"], rows)
         + muted(f"tool: at most {fixed(tool_speed, 1)} mm/s{asked} and {fixed(tool_acceleration, 0)} mm/s²")
     )
 
 
-def cursor_html(planned: PlannedMotion, time: float) -> str:
-    """Where the tool and the joints are at one time [s], and how fast."""
+def tool_html(planned: PlannedMotion, time: float) -> str:
+    """Where the tool is at one time [s], and how fast."""
     robot, state = planned.robot, planned.trajectory.sample(time)
     point = 1000 * robot.forward(state.q)[:3, 3]
     speed = 1000 * float(np.linalg.norm(robot.jacobian(state.q)[:3] @ state.velocity))
     step = planned.step_at(time)
+    return (
+        f"<div>at {fixed(time, 2)} s: tool (<b>{numbers(point.tolist(), 1)}</b>) mm, {fixed(speed, 1)} mm/s"
+        f"{'' if step is None else f', step {step + 1}'}</div>"
+    )
+
+
+def joints_html(planned: PlannedMotion, time: float) -> str:
+    """Where the joints are at one time [s], and how fast."""
+    robot, state = planned.robot, planned.trajectory.sample(time)
     rows = [
         ["angle °", *(fixed(value, 2) for value in robot.shown(state.q).tolist())],
         ["°/s", *(fixed(value, 1) for value in robot.shown(state.velocity).tolist())],
         ["°/s²", *(fixed(value, 0) for value in robot.shown(state.acceleration).tolist())],
     ]
-    return (
-        f"<div>at {fixed(time, 2)} s: tool (<b>{numbers(point.tolist(), 1)}</b>) mm, {fixed(speed, 1)} mm/s"
-        f"{'' if step is None else f', step {step + 1}'}</div><div style='font-size:11.5px'>"
-        f"{table(['', *(joint.title for joint in robot.joints)], rows)}</div>"
-    )
+    titles = ["", *(joint.title for joint in robot.joints)]
+    return f"<div style='font-size:11.5px'>{table(titles, rows)}</div>"
 
 
 def compare_html(a: PlannedMotion, b: PlannedMotion) -> str:

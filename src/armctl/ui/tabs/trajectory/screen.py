@@ -28,7 +28,7 @@ from armctl.ui.events import Newest, came_to_end
 from armctl.ui.next_line import Told
 from armctl.ui.scene.ghost import Preview
 from armctl.ui.session import Session
-from armctl.ui.tabs.trajectory.graphs import GraphView
+from armctl.ui.tabs.trajectory.graphs import GraphView, named_html
 from armctl.ui.tabs.trajectory.motion_form import MotionForm
 from armctl.ui.tabs.trajectory.plan import (
     PlannedMotion,
@@ -78,7 +78,7 @@ class TrajectoryScreen:
         """that it plans, or why *Run* is off; its line stays, so the buttons do not move"""
         self._verdict = LiveHtml(gui, visible=False)
         self._freer = gui.add_button("Plan it freer", icon=viser.Icon.ROUTE, color="orange", visible=False)
-        tabs = gui.add_tab_group()
+        self._tabs = tabs = gui.add_tab_group()
         with tabs.add_tab("Graphs"):
             self._study = StudyView(session)
             self._motion_box = gui.add_folder(None)
@@ -97,7 +97,8 @@ class TrajectoryScreen:
         study = self._form.is_study
         self._study.box.visible = study
         self._run.visible = not study
-        self._motion_box.visible = not study and self._planned is not None  # nothing to look at before
+        self._motion_box.visible = not study and self._planned is not None
+        self._tabs.visible = study or self._planned is not None  # nothing to look at before
         self._verdict.visible = not study and self._judged
         stale = self._out_of_date(snapshot)
         self._told.show(self._status(stale))
@@ -127,7 +128,9 @@ class TrajectoryScreen:
             return warned(f"{stale}: press Show.")
         if self._form.is_study:
             return EMPTY_LINE
-        return EMPTY_LINE if self._offer.why is None else muted(sentence(self._offer.why))
+        if self._offer.why is not None:
+            return muted(sentence(self._offer.why))
+        return EMPTY_LINE if self._planned is None else named_html(self._planned)
 
     def _out_of_date(self, snapshot: Snapshot) -> str:
         """Why what is shown has to be planned anew; empty where it need not be."""
