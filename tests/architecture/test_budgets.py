@@ -37,7 +37,7 @@ FOLDERS = {
     "ui": (
         109,
         25_350,
-    ),  # numbers of a motion and a quaternion are folded away; a program that runs is followed under the scene; steps edited number by number; solutions as a table
+    ),  # a motion's numbers are folded; a program that runs is followed; steps edited; solutions as a table
 }
 """files and lines, at most"""
 _HOW = "make it smaller, or raise its number in test_budgets.py and say in the commit what a user got for it"
