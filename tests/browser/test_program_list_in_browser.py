@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import random
 import re
 from collections.abc import Iterator
@@ -423,8 +424,14 @@ def test_a_click_on_a_pin_in_the_scene_selects_its_step_and_makes_it_the_next_po
     at = arrow_px(page, "/program/pin1", 0.0)
     over = page.page.locator("canvas[data-armctl-pressable]")
     other = arrow_px(page, "/program/pin0", 0.0)
-    page.page.mouse.move(*(2 * here - there for here, there in zip(at, other, strict=True)))  # beside neither
-    expect(over).to_have_count(0)
+    x, y = (2 * here - there for here, there in zip(at, other, strict=True))  # beside neither
+    nudges = itertools.cycle((0, 1))  # a slow picture hears of the next move what it missed of the last
+
+    def left_alone() -> bool:
+        page.page.mouse.move(x + next(nudges), y)
+        return over.count() == 0
+
+    page.wait_until(left_alone, "nothing can be pressed beside the pins")
     page.page.mouse.move(*at)
     expect(over).to_have_css("cursor", "pointer")
     page.page.mouse.click(*at)
