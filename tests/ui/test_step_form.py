@@ -214,7 +214,7 @@ def test_a_place_has_a_button_that_puts_the_tool_there(tmp_path: Path) -> None:
     assert re.findall("aria-label='([^']*): where the tool is now'", html) == [
         "First cell mm", "Row end mm", "Column end mm"
     ]  # fmt: skip
-    assert "data-do=step-touch data-key=7.0 " in html and html.count("<label") == 3 * 3 + 2
+    assert "data-do=step-touch data-key=7.0 " in html and html.count("<label") == 3 * 3 + 3
     drawn = StepEdit("7").html(
         DrawStep(file="/p/b.svg", plane_mm=(0.0,) * 9), robot, KnownNames(drawings=["/p/a.svg", "/p/b.svg"])
     )
@@ -224,7 +224,7 @@ def test_a_place_has_a_button_that_puts_the_tool_there(tmp_path: Path) -> None:
 def test_a_place_and_the_joints_have_a_box_for_each_number_and_the_others_keep_all_digits() -> None:
     robot, point = load_robot("uzuner"), PointStep(x_mm=200, y_mm=-80.12345, z_mm=140)
     html = StepEdit("7").html(point, robot)
-    assert re.findall("<label[^>]*>(.*?)</label>", html) == ["X mm", "Y mm", "Z mm", "Duration s"]
+    assert re.findall("<label[^>]*>(.*?)</label>", html) == ["X mm", "Y mm", "Z mm", "Duration s", "Note"]
     assert re.findall("value='(.*?)'", html)[:3] == ["200.0", "−80.123", "140.0"]
     edit = StepEdit("7")
     assert edit.take_part(point, "Point mm", "y_mm", "−80.123", robot) is point  # as it was shown

@@ -261,7 +261,7 @@ class Step(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="d
     """it takes a part, or lets it go: by the gripper, or by an output"""
     icon: ClassVar[str] = "step"
     """name of its picture in the list (``ui/tabs/manual/program_row.py``)"""
-    note: Annotated[str, Field("Note", place=99, more=True)] = ""
+    note: Annotated[str, Field("Note", place=99)] = ""
 
     @property
     def kind(self) -> str:

@@ -8,7 +8,8 @@
 //   data-rows    a long list, whose rows come by key; its rows are what data-key is on
 //     data-keys  "chord:what chord:what": what keys do to the row that has the focus
 //     data-twice what a double click does to a row; data-moves what a drag by [data-grip] does
-//     data-view  the key of the row that is to be in view when that changes; data-nth a row's number, written here
+//     data-view  the key of the row that is to be in view when that changes, or data-again does; data-nth a row's number,
+//                written here
 (() => {
   "use strict";
   const RETRY_MS = [300, 3000]; // at first, and at most
@@ -207,10 +208,11 @@
   // In view of its own list only: the page around it stays, but on a phone. Who types there is not scrolled away.
   const viewed = new WeakMap();
   function keepInView(place) {
-    const key = place.dataset.view;
-    const row = key && viewed.get(place) !== key && place.querySelector(`:scope > [data-key="${CSS.escape(key)}"]`);
+    const { view: key, again } = place.dataset;
+    const wanted = `${key} ${again}`;
+    const row = key && viewed.get(place) !== wanted && place.querySelector(`:scope > [data-key="${CSS.escape(key)}"]`);
     if (!row || !place.clientHeight || document.activeElement.matches("[data-set]")) return;
-    viewed.set(place, key);
+    viewed.set(place, wanted);
     view(place, row);
   }
   function view(place, row) {

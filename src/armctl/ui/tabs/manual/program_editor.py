@@ -115,7 +115,7 @@ class ProgramEditor:
         elif refused or self._shared.row(self._shown) is None:
             self.leads_nowhere = refused
             what = f"Step {'' if row is None else row + 1} cannot run"
-            self._writer.hide(Told(what, "its row says why", bad=True) if refused else None)
+            self._writer.hide(Told(what, refused, bad=True) if refused else None)
 
     async def change(self, change: Callable[[Program], Change]) -> None:
         """Change list and selection, from the next pass on; refused if impossible, or on a watching page."""

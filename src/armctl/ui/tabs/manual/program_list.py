@@ -73,6 +73,10 @@ class ProgramList:
         self._states: dict[str, RowState] = {}
         """of the rows that are not plain, as drawn"""
         self._view, self._viewed = "", ("", "")
+        self._again = 0
+        """how often a row was to come into view that was meant to be there already"""
+        self._found: Sequence[Finding] = ()
+        """findings whose first error has come into view"""
         session.parts.add(session.gui, PART)
         for do, action in self._actions().items():
             session.on_part(do, partial(self._then_draw, action))
@@ -185,6 +189,7 @@ class ProgramList:
         edit = self._edit
         if edit is not None and edit.key == key.partition(".")[0] and not edit.refusals:
             self._close()
+            self._again += 1  # its head may have been scrolled away
 
     def _close(self) -> None:
         self._edit = None
@@ -228,6 +233,7 @@ class ProgramList:
         if self._viewed != (selected, running):
             self._view = running if running and running != self._viewed[1] else selected
             self._viewed = (selected, running)
+        self._view_wrong(running=bool(running))
         session.parts.show(PART, self._html(snapshot, running=bool(running), may=may))
         edited, timed = self._version != shared.version, self._lasts is not self._ahead.lasts
         if timed:
@@ -244,6 +250,16 @@ class ProgramList:
                     if row is not None:
                         session.parts.row(PART, key, self._row(key, row, states.get(key, PLAIN)))
         self._states = states
+
+    def _view_wrong(self, *, running: bool) -> None:
+        """Once a check has found errors, the first of their rows comes into view."""
+        found, keys = self._findings(), self._shared.keys
+        if found is not self._found:
+            self._found = found
+            wrong = sorted(row for row, (severity, _) in _by_step(found).items() if severity == "error")
+            if wrong and wrong[0] < len(keys) and not running:
+                self._view = keys[wrong[0]]
+                self._again += 1
 
     def _row_states(self, snapshot: Snapshot, *, may: bool) -> dict[str, RowState]:
         """Of the rows that are not plain, by key."""
@@ -304,10 +320,11 @@ class ProgramList:
             sample = html.button("step-sample", SAMPLE, title="Look at one, and run it") if may else ""
             return f"{head}<div class=armctl-none>{_EMPTY}{sample}</div>"
         does = f" data-twice=step-edit data-moves=step-move data-keys='{_KEYS}'" if may else ""
-        does += " data-running" * running
+        does += " data-running" * running + " data-paused" * (snapshot.state is State.PAUSED)
+        does += " data-long" * (len(self._shared.keys) > _LONG)
         return (
             f"{head}<div class=armctl-steps role=grid aria-label='Steps of the program' data-rows={PART} "
-            f"data-view={self._view}{does}{' data-long' * (len(self._shared.keys) > _LONG)}></div>"
+            f"data-view={self._view} data-again={self._again}{does}></div>"
         )
 
     def _menu(self) -> str:
@@ -330,7 +347,7 @@ class ProgramList:
             + "</div>"
             for group, kinds in offered.items()
         )
-        menu = f"<div class=armctl-kinds>{groups}</div>"
+        menu = f"<div class=armctl-kinds><div>{groups}</div></div>"
         return f"<div class=armctl-add data-leave=step-leave>{button}{menu}</div>"
 
     def _headline(self, snapshot: Snapshot, *, running: bool) -> str:
@@ -346,7 +363,9 @@ class ProgramList:
         of = f"step {progress.step + 1} of {progress.steps}, {pass_words(progress)}"
         of += f": {escape(progress.inside)}" if progress.inside else ""
         if running:
-            return f"{name}<span class=runs>runs {of}</span>"
+            paused = snapshot.state is State.PAUSED
+            kind, does = ("warn", "paused at") if paused else ("runs", "runs")
+            return f"{name}<span class={kind}>{does} {of}</span>"
         if self._shared.relation(progress) == "coming":
             return f"{name}<span class=runs>runs {of}; <b>{EDIT_WAITS}</b></span>"
         named = progress.running.name

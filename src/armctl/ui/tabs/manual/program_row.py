@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from html import escape
 
 from armctl.lazy_dataclass import dataclass
@@ -11,6 +12,8 @@ from armctl.ui.widgets.html import with_minus
 PARTS = 50
 """how finely the progress of a step is shown"""
 _DEEPEST_SHOWN = 8
+_PLACE = re.compile(r"(\d, \S*\d, \S*\d) mm\b")
+"""X, Y, Z: a row has no room for their unit"""
 _MARK = {"error": "✕", "warning": "!"}
 _ICONS = {
     "step": "M8 5.5a2.5 2.5 0 1 0 .01 0z",
@@ -77,7 +80,7 @@ def row_html(
     change five times as slow.
     """
     said = with_minus(of or step.describe())
-    words = escape(said)
+    words = escape(_PLACE.sub(r"\1", said))
     note = f"<small role=gridcell class=note>{escape(step.note)}</small>" if step.note else ""
     note += f"<small role=gridcell class=note>▸ {escape(state.inside)}</small>" if state.inside else ""
     mark, title = "", escape(" · ".join(text for text in (said, step.note) if text))

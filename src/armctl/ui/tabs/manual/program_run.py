@@ -29,6 +29,7 @@ from armctl.program import (
     write_csv,
     write_script,
 )
+from armctl.program.base_steps import keys_of
 from armctl.program.calls import WholeProgram
 from armctl.program.files import SAMPLES, sample_program
 from armctl.protocol import RunProgram, Snapshot
@@ -188,6 +189,7 @@ _CHECK_HINT = "Look for what would be refused, without moving the arm."
 class _Check:
     program: Program
     begin: tuple[float, ...] | None
+    hand: tuple[object, ...]
     to_run: bool
     """it waits for no check of others"""
     findings: asyncio.Task[list[Finding]]
@@ -196,6 +198,15 @@ class _Check:
 
 def _same(one: Program, other: Program) -> bool:
     return one.steps is other.steps and (one.frames, one.called) == (other.frames, other.called)
+
+
+def _hand(snapshot: Snapshot) -> tuple[object, ...]:
+    """What a check depends on beside program and pose."""
+    return snapshot.tool, snapshot.gripper, snapshot.part_mm
+
+
+def _reads_files(step: Step) -> bool:
+    return bool(step.calls) or any(key.field.offers == "drawings" for key in keys_of(type(step)))
 
 
 class _Stepping(NamedTuple):
@@ -241,8 +252,9 @@ class ProgramRun:
         step = gui.add_button_group("One step", ("Step",), hint=_STEP_HINT)
         check = gui.add_button_group("Before it runs", ("Check",), hint=_CHECK_HINT)
         session.needs(None, check, also=self._empty, told=False, anyone=True)
-        session.needs(Need.HOLDING, self._run, step, also=self._empty)
-        session.needs(Need.HOLDING, self._often, also=self._empty, told=False)
+        session.needs(Need.HOLDING, self._run, also=self._no_run)
+        session.needs(Need.HOLDING, step, also=self._empty, told=False)
+        session.needs(Need.HOLDING, self._often, also=self._no_run, told=False)
         self._cancel = gui.add_button("Cancel check", color="gray", visible=False)
         session.on(self._cancel.on_click, self._on_cancel)
         session.on(self._run.on_click, lambda: self._on_run(None if self._run.value == "Loop" else 1))
@@ -300,6 +312,25 @@ class ProgramRun:
     def _empty(self, _: Snapshot) -> str | None:
         return None if self._shared.program.steps else EMPTY
 
+    def _no_run(self, snapshot: Snapshot) -> str | None:
+        """Why a run would be refused: surely, as it would be by the check that there was from the same pose.
+
+        What is called, or drawn, stands in files of its own: that may have changed.
+        """
+        if (why := self._empty(snapshot)) is not None:
+            return why
+        newest, present = self._newest, self._shared.program
+        if newest is None or newest.begin is None or (self._from_row.value and self._editor.selected):
+            return None
+        same = newest.program.steps is present.steps and newest.program.frames == present.frames
+        same = same and newest.hand == _hand(snapshot)
+        if not same or newest.begin != tuple(snapshot.q_command.tolist()):
+            return None
+        rows = [one.step for one in self.findings if one.severity == "error" and one.step is not None]
+        if not rows or any(_reads_files(step) for step in present.steps):
+            return None
+        return f"step {min(rows) + 1} cannot run: its row says why"
+
     async def _program(self) -> Program:
         if not self._shared.program.steps:
             raise StateError(EMPTY)
@@ -310,9 +341,10 @@ class ProgramRun:
 
         ``to_run``: it begins at once, and not behind checks of other pages.
         """
-        begin = None if start is None else tuple(start.tolist())
+        begin, hand = None if start is None else tuple(start.tolist()), _hand(self._session.snapshot)
         newest = self._newest
-        other = newest is None or newest.begin != begin or not _same(newest.program, program)
+        other = newest is None or (newest.begin, newest.hand) != (begin, hand)
+        other = other or newest is None or not _same(newest.program, program)
         if newest is None or other or (to_run and not (newest.to_run or newest.findings.done())):
             self._verdict.show(muted("Checking …"))
             self._verdict.visible = True
@@ -320,7 +352,7 @@ class ProgramRun:
                 newest.cancelled.set()
             cancelled = threading.Event()
             finding = asyncio.create_task(self._find(program, start, cancelled, to_run=to_run))
-            newest = self._newest = _Check(program, begin, to_run, finding, cancelled)
+            newest = self._newest = _Check(program, begin, hand, to_run, finding, cancelled)
         try:
             return await newest.findings
         except BaseException:

@@ -204,12 +204,12 @@ class StepEdit:
         return step if text == _part_text(part.value) else _with_part(step, keys[0], name, value)
 
     def unfolded(self, step: Step) -> bool:
-        """What is seldom needed is shown: it is wanted, or something stands there but a note."""
+        """What is seldom needed is shown: it is wanted, or something there has the arm move otherwise."""
         folded = [key for key in keys_of(type(step)) if key.field.more]
         if any(place.partition(":")[0] == key.field.label for key in folded for place in self.refusals):
             return True
         if self.more is None:
-            return any(key.default != getattr(step, key.name) for key in folded if key.name != "note")
+            return any(key.default != getattr(step, key.name) for key in folded if not _chooses(key))
         return self.more
 
     def html(self, step: Step, robot: Robot, names: KnownNames | None = None) -> str:
@@ -294,7 +294,8 @@ class StepEdit:
                 f"<input id={place} {does} data-enter=step-done value='{escape(text)}' autocomplete=off "
                 f"spellcheck=false maxlength={MOST_TYPED}>"
             )
-        wide = " class=wide" * (key.form in ("numbers", "text") or len(text) > _WIDE)
+        half = _chooses(key) or label == "Note"
+        wide = " class=half" * half or " class=wide" * (key.form in ("numbers", "text") or len(text) > _WIDE)
         said = f"<em id={place}-why>{escape(with_minus(why))}</em>" if why else ""
         named = f"<label for={place}>{escape(label)}</label>"
         return f"<div{wide} title='{escape(key.field.hint)}'>{named}{box}{said}</div>"
@@ -317,6 +318,11 @@ class StepEdit:
         if names:
             return ("", *names) if key.default == "" else names
         return robot.energy.criteria if key.choices == CRITERIA else key.choices
+
+
+def _chooses(key: Key) -> bool:
+    """It says which of the ways to a place is taken: each leads there."""
+    return key.choices == tuple(CRITERIA)
 
 
 def _touch_button(key: str, number: int, label: str) -> str:
