@@ -13,7 +13,7 @@ import pytest
 from tests.ui.page_kit import FakePage
 
 from armctl.errors import ArmctlError, ProgramError
-from armctl.facts import Said
+from armctl.facts import Said, State
 from armctl.motion import Finding
 from armctl.program import (
     CommentStep,
@@ -426,6 +426,10 @@ def test_the_running_step_is_marked_and_in_view_and_how_much_of_it_is_over(page:
     running(page, 3, loops=None)
     assert page.marked("aria-current=step") == page.marked("--done:0%") == [3]
     assert f"data-view={keys[3]} " in page.parts[PART]
+    page.snapshot.state = State.PAUSED
+    page.draw()
+    assert "paused at step 4 of 4" in page.parts[PART] and " data-paused" in page.parts[PART]
+    page.snapshot.state = State.MOVING
     page.do("step", 2)
     assert f"data-view={keys[2]} " in page.parts[PART]  # who selects looks there, until the next step runs
     running(page, 0, loops=None, loop=1)
@@ -553,6 +557,7 @@ def test_a_step_that_leads_nowhere_is_no_next_pose_and_the_list_says_why(page: L
     assert page.next.q is None
     assert "too far by 4672.6 mm" in page.rows[1] and "too far" not in page.parts[PART]
     assert "1 step cannot run" in page.parts[PART] and line_of(page).startswith("Step 2 cannot run")
+    assert "Too far by 4672.6 mm" in line_of(page)
     page.do("step", 0)
     page.draw()
     assert "too far" not in page.rows[1] and page.next.q is not None

@@ -31,6 +31,7 @@ from armctl.program import (
     WhileStep,
 )
 from armctl.program.edit import put_frame
+from armctl.protocol import Snapshot
 from armctl.ui.guard import GuardedServer
 from armctl.ui.tabs.manual import program_run
 from armctl.ui.tabs.manual.program_run import ProgramRun
@@ -45,6 +46,9 @@ class Bench:
     desk: SharedProgram
     verdict: Mock
     run: ProgramRun
+    offers: list[Callable[[Snapshot], str | None]]
+    """why what runs a program would be refused"""
+    snapshot: Snapshot
 
     @property
     def shown(self) -> str:
@@ -57,16 +61,18 @@ class Bench:
 @pytest.fixture
 def bench(server: GuardedServer, tmp_path: Path) -> Bench:
     desk, verdict = SharedProgram("uzuner", tmp_path), Mock()
+    offers: list[Callable[[Snapshot], str | None]] = []
     session: Any = SimpleNamespace(
         gui=server.gui,
         console=SimpleNamespace(robot=ROBOT, shared=lambda kind: desk),
         held=ROBOT,
         snapshot=make_rig().now,
         on=lambda attach, action: None,
-        needs=lambda *controls, **conditions: None,
+        needs=lambda *controls, **conditions: offers.append(conditions["also"]),
         closed=False,
     )
-    return Bench(desk, verdict, ProgramRun(session, cast(Any, None), verdict, nullcontext()))
+    run = ProgramRun(session, cast(Any, None), verdict, nullcontext())
+    return Bench(desk, verdict, run, offers, session.snapshot)
 
 
 def test_a_check_tells_step_and_reason_until_the_program_is_another(bench: Bench) -> None:
@@ -79,6 +85,24 @@ def test_a_check_tells_step_and_reason_until_the_program_is_another(bench: Bench
     bench.put(HOME)
     bench.run.refresh()
     assert not bench.verdict.visible
+
+
+def test_what_would_be_refused_again_is_not_offered_until_program_or_arm_are_others(bench: Bench) -> None:
+    def refused() -> set[str | None]:
+        return {also(bench.snapshot) for also in bench.offers}
+
+    bench.put(HOME, FAR)
+    assert refused() == {None}
+    asyncio.run(bench.run.check())
+    assert refused() == {None, "step 2 cannot run: its row says why"}
+    checked = bench.snapshot
+    bench.snapshot = replace(checked, q_command=checked.q_command + 0.1)
+    assert refused() == {None}
+    bench.snapshot = replace(checked, gripper=0.4)
+    assert refused() == {None}
+    bench.snapshot = checked
+    bench.put(HOME)
+    assert refused() == {None}
 
 
 def test_a_program_whose_frame_was_moved_is_checked_anew(bench: Bench) -> None:

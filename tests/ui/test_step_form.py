@@ -234,7 +234,7 @@ def test_a_place_and_the_joints_have_a_box_for_each_number_and_the_others_keep_a
     assert edit.take_part(point, "Point mm", "w_mm", "1", robot) is point
     html = StepEdit("7").html(MOVE, robot)
     joints = [f"{joint.title} °" for joint in robot.joints]
-    assert re.findall("<label[^>]*>(.*?)</label>", html) == [*joints, "Duration s"]
+    assert re.findall("<label[^>]*>(.*?)</label>", html) == [*joints, "Duration s", "Note"]
     moved = edit.take_part(MOVE, "Angles °", "1", "45", robot)
     assert moved == msgspec.structs.replace(MOVE, joints_deg=(0.12345, 45, -80, -40, 0))
     short = MoveStep(joints_deg=(1, 2))  # of another arm: as one text

@@ -176,6 +176,7 @@
     }
     if (focused || document.activeElement === document.body) keepFocus(place, focused);
     keepInView(place);
+    sized.observe(place);
   }
   // Without its losing the focus, where the browser can.
   function put(place, row, at) {
@@ -215,6 +216,16 @@
     viewed.set(place, wanted);
     view(place, row);
   }
+  // What opens below a list that scrolls takes room from it: the row stays in view.
+  const heights = new WeakMap();
+  const sized = new ResizeObserver((lists) => {
+    for (const { target } of lists) {
+      const [was, height] = [heights.get(target), target.clientHeight];
+      heights.set(target, height);
+      const row = height < was && target.scrollHeight > height && target.querySelector(`:scope > [data-key="${CSS.escape(target.dataset.view ?? "")}"]`);
+      if (row && !document.activeElement.matches("[data-set]")) view(target, row);
+    }
+  });
   function view(place, row) {
     for (let pass = 0; pass < 2; pass++) { // rows that are drawn for the first time may be higher than was thought
       const [box, at] = [place.getBoundingClientRect(), row.getBoundingClientRect()];

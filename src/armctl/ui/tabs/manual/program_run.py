@@ -302,6 +302,8 @@ class ProgramRun:
             findings = await self._check(program, start, to_run=True)
         error = first_error(findings)
         if error is not None:
+            if self._no_run(self._session.snapshot) is not None:
+                return  # the row and the line below the buttons say it
             raise ProgramError(f"{program.name}: {error}")
         await self._session.submit(RunProgram(program, often, first))
 
