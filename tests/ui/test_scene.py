@@ -28,6 +28,7 @@ from armctl.ui.scene.stage import (
     floor_size,
     framed,
     front,
+    in_picture,
     in_view,
     look_at_arm,
     stand_parts,
@@ -237,3 +238,16 @@ def test_obstacles_stand_where_the_file_says(server: GuardedServer) -> None:
     assert cast(Any, handles["/stand/obstacle0/title"]).text == "the wall"
     stage.remove()
     assert not [name for name in handles if "obstacle" in name]
+
+
+def test_what_is_outside_the_picture_is_known_and_seen_once_the_view_is_reset() -> None:
+    camera = SimpleNamespace(image_width=552, image_height=692, fov=FOV)
+    client, robot = cast(Any, SimpleNamespace(camera=camera)), load_robot("uzuner")
+    there = robot.inverse([0.22, -0.196, 0.085]).best("least-travel", robot.pose("home"))
+    look_at_arm(client, robot)
+    assert in_picture(cast(Any, camera), robot, robot.pose("home"), sheet=False)
+    camera.position, camera.look_at = 0.6 * camera.position + 0.4 * camera.look_at, camera.look_at
+    assert not in_picture(cast(Any, camera), robot, there, sheet=False)
+    for sheet in (False, True):
+        look_at_arm(client, robot, shown=[there], sheet=sheet)
+        assert in_picture(cast(Any, camera), robot, there, sheet=sheet)

@@ -36,7 +36,7 @@ from armctl.robot import Robot
 from armctl.ui.docs import page_of
 from armctl.ui.enabling import EnableControl
 from armctl.ui.scene.arm_model import ARM, repaint
-from armctl.ui.scene.stage import add_floor
+from armctl.ui.scene.stage import add_floor, in_picture
 from armctl.ui.session import Session
 from armctl.ui.widgets.html import button, fixed, sentence, with_minus
 from armctl.ui.widgets.number_field import parse_number
@@ -55,6 +55,7 @@ _BLUE = (24, 100, 171)
 _FITS = 28
 """letters of a cause that a phone has room for below the state"""
 _BAR, _ALERTS, _WHERE = "bar", "alerts", "where"
+_SHOW_ALL = f"<p>{button('show-all', 'Show all', title='A part of it is outside the picture')}</p>"
 
 
 class ControlBar:
@@ -70,7 +71,7 @@ class ControlBar:
         self._operated: bool | None = None
         self._message_seen: int | None = None
         """number of the newest message that the page knows"""
-        self._where: tuple[FloatArray, FloatArray | None, str, str, str] | None = None
+        self._where: tuple[FloatArray, FloatArray | None, str, str, str, bool] | None = None
         """what the numbers were written for"""
         self._darkened: list[viser.GridHandle | viser.MeshHandle] = []
         for do, label, action in (
@@ -80,6 +81,7 @@ class ControlBar:
             ("take", "Take control", self._on_take),
             ("clear", "Clear fault", lambda: session.submit(ClearFault())),
             ("theme", "Theme", self._on_theme),
+            ("show-all", "Show all", session.look),
         ):
             session.on_press(do, label, lambda _, action=action: action())
         session.on_press("release", "Release", self._on_release)
@@ -112,13 +114,14 @@ class ControlBar:
         now, known, _ = source.partition(";")
         now = now if known else "now"  # "unknown; drawn where Enable would put it"
         unknown = now.startswith("unknown")  # what is drawn then is nobody's pose
+        camera, robot, sheet = session.client.camera, session.console.robot, session.on_phone
+        outside = then is not None and not in_picture(camera, robot, then, sheet=sheet)
         before = self._where
         same = before is not None and _same(q, before[0]) and _same(then, before[1])
-        if before is None or not same or (now, kind, snapshot.tool) != before[2:]:
-            self._where = q, then, now, kind, snapshot.tool
-            session.parts.show(
-                _WHERE, where_html(session.arm, q, then, now=None if unknown else now, kind=kind)
-            )
+        if before is None or not same or (now, kind, snapshot.tool, outside) != before[2:]:
+            self._where = q, then, now, kind, snapshot.tool, outside
+            numbers = where_html(session.arm, q, then, now=None if unknown else now, kind=kind)
+            session.parts.show(_WHERE, numbers + _SHOW_ALL * outside)
 
     def _draw(self) -> None:
         self.refresh(self._session.snapshot)

@@ -206,6 +206,23 @@ def look_at_arm(
     camera.position, camera.look_at = position + down, middle + down
 
 
+def in_picture(camera: viser.CameraHandle, robot: Robot, q: FloatArray, *, sheet: bool) -> bool:
+    """Whether all joints and the tool at ``q`` (n,) [rad] are in view; ``sheet`` as in ``look_at_arm``."""
+    points = np.vstack([robot.frames(q)[..., :3, 3].reshape(-1, 3), robot.forward(q)[:3, 3]])
+    away = np.asarray(camera.position) - np.asarray(camera.look_at)
+    right = np.cross([0.0, 0.0, 1.0], away)
+    length = float(np.linalg.norm(right))
+    if length == 0.0 or not camera.image_height:  # straight from above, or nobody has told yet
+        return True
+    back, right = away / np.linalg.norm(away), right / length
+    axes = np.stack([right, np.cross(back, right), back])
+    x, y, nearer = axes @ (points - np.asarray(camera.position)).T
+    high = -nearer * math.tan(0.5 * camera.fov)
+    wide = high * camera.image_width / camera.image_height
+    low = 2 * _SHEET - 1 if sheet else -1.0
+    return bool(((np.abs(x) <= wide) & (y <= high) & (y >= low * high)).all())
+
+
 def first_view(
     robot: Robot, points: FloatArray, fov: float, aspect: float, view: str = "Reset"
 ) -> tuple[FloatArray, FloatArray]:
