@@ -74,6 +74,7 @@ class FakePage:
         self._actions: dict[str, Action] = {}
         self._beside: list[Coroutine[Any, Any, None]] = []
         self.obeyed: set[str] = set()
+        self.offers: list[Offer] = []
         self.other_arrows: list[viser.TransformControlsHandle] = []
         self.next = NextPose(self.session)
 
@@ -110,7 +111,8 @@ class FakePage:
 
     def needs(self, arm: Need | None, *controls: Any, also: Any = None, **_: object) -> Offer:
         """What would be refused is not looked at here."""
-        return Offer(controls, arm, also, reason=None, anyone=False)
+        self.offers.append(Offer(controls, arm, also, reason=None, anyone=False))
+        return self.offers[-1]
 
     def why_not(self, arm: Need | None, snapshot: Snapshot) -> str | None:
         return None if snapshot.state is State.HOLDING else "the arm is moving; stop first"

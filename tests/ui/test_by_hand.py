@@ -43,6 +43,14 @@ def test_ticked_joints_go_limp_by_name_and_all_come_back(page: FakePage, by_hand
     assert page.sent == [Release(("shoulder_lift", "wrist_flex")), Enable()]
 
 
+def test_nothing_goes_limp_before_a_joint_is_ticked(page: FakePage, by_hand: ByHand) -> None:
+    (also,) = [
+        one.also for one in page.offers if one.also and "ticked" in str(one.also(page.session.snapshot))
+    ]
+    vars(by_hand)["_ticks"]["wrist_flex"].value = True
+    assert also(page.session.snapshot) is None
+
+
 def test_it_says_which_joints_are_limp(page: FakePage, by_hand: ByHand) -> None:
     vars(page.snapshot).update(limp=("Wrist <flex",))
     page.refresh(by_hand)

@@ -20,7 +20,7 @@ from viser import GuiEvent
 
 from armctl.apart import is_given_up
 from armctl.calibration import LEAST_POINTS, TouchedPoint, TouchFit, own_map
-from armctl.errors import InputError
+from armctl.errors import InputError, StateError
 from armctl.facts import Need, State
 from armctl.facts.commands import NoBoard, Stopped
 from armctl.hardware import BoardIdentity
@@ -370,6 +370,29 @@ def test_what_was_pressed_before_stop_begins_no_motion_after_it(
     assert page.bench.told[-1][1] == f"stopped by {told} before it began"
     page.meanwhile = lambda: None
     assert page.press() == [Release, MoveJoints]
+
+
+@pytest.mark.parametrize(
+    ("stopped", "told"),
+    [
+        (Stopped("browser page 7", what="move"), []),
+        (Stopped("browser page 8", what="move"), ["move was stopped by browser page 8"]),
+        (Stopped("browser page 7", "it is gone"), ["stopped by browser page 7: it is gone"]),
+    ],
+)
+def test_nobody_is_told_of_their_own_stop(server: GuardedServer, stopped: Stopped, told: list[str]) -> None:
+    bench = Bench(server)
+    bench.ticket = Ticket([])
+
+    async def stop() -> None:
+        bench.ticket.accepted.set_result(None)
+        await bench.session.submit(MoveJoints(ROBOT.pose("home")))
+        bench.ticket.finished.set_exception(StateError(stopped))
+        for _ in range(20):
+            await asyncio.sleep(0)
+
+    asyncio.run(stop())
+    assert bench.told == [("Not finished", words) for words in told]
 
 
 def test_what_is_pressed_after_stop_goes_before_the_arm_has_counted_that(server: GuardedServer) -> None:

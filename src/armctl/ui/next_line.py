@@ -27,6 +27,7 @@ class Told(NamedTuple):
 
 
 NOTHING = Told("No next pose", "Move a slider, or type a point.")
+WATCHED = Told("No next pose", "Watching: a slider or a point plans one.")
 
 
 def line(place: str, what: str, buttons: str, state: str = "") -> str:

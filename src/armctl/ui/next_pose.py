@@ -35,7 +35,7 @@ from armctl.ui import next_line
 from armctl.ui.console import Console, present_pose
 from armctl.ui.events import Newest, OneAtATime
 from armctl.ui.guard.parts import Parts
-from armctl.ui.next_line import FORGET, NOTHING, Told
+from armctl.ui.next_line import FORGET, NOTHING, WATCHED, Told
 from armctl.ui.next_plan import Movement, Planned, ToPlan, usual
 from armctl.ui.offers import refused_by
 from armctl.ui.scene.ghost import SAME_RAD, Ghost, Lines, segments
@@ -312,7 +312,7 @@ class NextPose:
         if q is None or operator is None:
             self._theirs.hide()
         elif self._theirs.q is None or not np.array_equal(q, self._theirs.q):
-            self._theirs.show(q, label=f"next pose of {operator.name}")
+            self._theirs.show(q, label=f"{operator.name.removeprefix('browser ')}: next")
 
     def _is_there(self, q: FloatArray, snapshot: Snapshot) -> bool:
         """Also where it came to it from one side, half of the play ahead."""
@@ -409,7 +409,8 @@ class NextPose:
             kept = "" if self.q is None or self.writer is None else self._kept(self.q, self.writer)
             return instead.html(kept + record + next_line.go(_INSTEAD), " looked")
         if self.q is None or self.writer is None:
-            told = NOTHING if self._note is None else self._note[1]
+            nothing = NOTHING if self._session.operates else WATCHED
+            told = nothing if self._note is None else self._note[1]
             return told.html(record + next_line.go(_NONE))
         x, y, z = (fixed(1000 * value, 1) for value in self._robot.forward(self.q)[:3, 3].tolist())
         place = f"<b>X {x} &ensp;Y {y} &ensp;Z {z} mm</b>" + self._kept(self.q, self.writer)

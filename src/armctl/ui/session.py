@@ -121,8 +121,7 @@ class Session:
         if not isinstance(reason, Stopped) or reason.note:
             return reason
         party = self.snapshot.control.party(reason.by)
-        name = reason.by if party is None else party.name
-        return replace(reason, by="" if reason.by == self.me else name)
+        return replace(reason, by="" if reason.by == self.me else party.name if party else reason.by)
 
     def sees(self, tab: str) -> bool:
         """Whether the tab with this label is open, or nobody knows: what only tells need not be told else."""
@@ -381,8 +380,7 @@ class Session:
 
     def _ended(self, task: asyncio.Task[None]) -> None:
         self._tasks.discard(task)
-        error = None if task.cancelled() else task.exception()
-        if error is not None:
+        if (error := None if task.cancelled() else task.exception()) is not None:
             level = logging.DEBUG if self.closed else logging.ERROR  # it may have outlived its page
             LOG.log(level, "a page's task failed", exc_info=error)
 
@@ -390,7 +388,9 @@ class Session:
         try:
             await asyncio.wrap_future(ticket.finished)
         except ArmctlError as broken:
-            self.notify("Not finished", say(self.with_names(broken.reason)), "yellow")
+            reason = self.with_names(broken.reason)
+            if not (isinstance(reason, Stopped) and not reason.by):  # of one's own STOP the bar tells
+                self.notify("Not finished", say(reason), "yellow")
 
     async def find_line(self, link: Callable[[str, str, Session], None], lost: Callable[[int], None]) -> None:
         """Ask the page which lines are its own, ``link(page, load, session)``: then its beats are watched.

@@ -40,10 +40,14 @@ const armctlViser = (() => {
   // On a phone the tabs stand below the program, which may be long: one that is opened comes into view.
   document.addEventListener("click", ({ target }) => {
     const tabs = target.closest?.("#root [role=tab]")?.closest("[role=tablist]");
-    if (!tabs || tabs.closest("[role=tabpanel]") || !matchMedia("(max-width: 36em)").matches) return;
+    if (!tabs || !matchMedia("(max-width: 36em)").matches) return;
     const [sheet, at] = [tabs.closest(".mantine-ScrollArea-viewport"), tabs.getBoundingClientRect()];
     const seen = sheet?.getBoundingClientRect();
-    if (seen && at.top > seen.top + seen.height / 3) tabs.scrollIntoView({ block: "start" });
+    if (!seen || at.top <= seen.top + seen.height / 3) return;
+    let all = tabs.closest(".mantine-Tabs-root"); // the outermost: of the tabs, not of those within one
+    for (let one = all; one; one = one.parentElement.closest(".mantine-Tabs-root")) all = one;
+    all.style.minHeight = `${seen.height}px`; // a short one fills the sheet
+    all.scrollIntoView({ block: "start" });
   });
   const tabLabel = (tab) => (tab?.title || tab?.textContent || "").trim();
 

@@ -230,7 +230,7 @@ def overview_html(work: CalibrationWork) -> str:
     if work.map.gripper_channel is not None:
         said = "" if work.jaws else " (as before)"
         text += (
-            f"<div>Gripper: closed at {fixed(work.jaw('closed'), 1)}, open at "
+            f"<div style='margin:6px 4px 0'>Gripper: closed at {fixed(work.jaw('closed'), 1)}, open at "
             f"{fixed(work.jaw('open'), 1)} {unit}{said}</div>"
         )
     if work.unfinished:
@@ -280,10 +280,10 @@ def _measured(work: CalibrationWork, joint: str) -> list[str]:
         fit = work.fit(joint)
         low, high = work.limits(joint)
     except ArmctlError:
-        return [count, "no line", "", "", ""]
+        return [count, "no line", "–", "–", "–"]
     safe = f"{fixed(low, 0)} … {fixed(high, 0)}"
     if fit is None:
-        return [count, "", "", "", safe]
+        return [count, "–", "–", "–", safe]
     doubt = " ✗" if fit.suspect is not None else " ?" if fit.advice else ""
     rms = f"{fixed(to_degrees(fit.rms_rad), 2)}°{doubt}"
     return [count, rms, fixed(fit.zero, 1), fixed(fit.per_rad * DEGREE, 3), safe]

@@ -288,9 +288,8 @@ class MainScreen:
 # First steps.
 
 _HIDDEN = "hidden"
-_FIRST_STEPS = {"enable", "slider", "point"}
+_FIRST_STEPS = {"enable", "slider", "point", "program"}
 _POINT_BUTTONS = {"Go by least energy", "Go by the selected one"}
-_SAMPLES = "Then <b>Load a sample</b> in the empty program, and press <b>Run once</b>."
 
 
 class FirstSteps:
@@ -321,15 +320,17 @@ class FirstSteps:
             self._note("slider")
         if pressed & _POINT_BUTTONS:
             self._note("point")
+        if snapshot.program is not None and self._session.operates:
+            self._note("program")
         if (told := frozenset(self._done)) != self._told:
             self._told = told
             self._steps.show(self._html())
+            self._box.visible = self._known and _HIDDEN not in self._done and not self._done >= _FIRST_STEPS
 
     async def _begin(self) -> None:
         kept = await self._session.recall("first-steps")
         self._done |= set((kept or "").split())
-        self._known = True
-        self._box.visible = _HIDDEN not in self._done and not self._done >= _FIRST_STEPS
+        self._known, self._told = True, None
 
     def _note(self, step: str) -> None:
         if step not in self._done:
@@ -339,7 +340,6 @@ class FirstSteps:
 
     def _on_hide(self) -> None:
         self._note(_HIDDEN)
-        self._box.visible = False
 
     def _html(self) -> str:
         point = numbers((1000 * example_point(self._session.console.robot)).round().tolist(), 0)
@@ -347,13 +347,13 @@ class FirstSteps:
             "enable": "Press <b>Enable</b> at the top.",
             "slider": "<b>Manual</b>: move a slider, and press <b>Go</b>.",
             "point": f"<b>Inverse</b>: type a point, such as {point} mm, then <b>Go by least energy</b>.",
+            "program": "<b>Load a sample</b> in the empty program, and press <b>Run once</b>.",
         }
-        lines = [
+        return "".join(
             f"<div style='color:{GOOD if step in self._done else 'inherit'}'>"
             f"<b>{'✓' if step in self._done else number}</b> {text}</div>"
             for number, (step, text) in enumerate(steps.items(), 1)
-        ]
-        return "".join([*lines, f"<div>{_SAMPLES}</div>"])
+        )
 
 
 def example_point(robot: Robot) -> FloatArray:

@@ -16,6 +16,7 @@ _HINT = (
     "Joints that you tick go limp. <b>Support the arm</b>, then lead them by hand: the page follows, and "
     "<b>Record pose</b> and <b>Point</b> take where they stand."
 )
+_NO_TICK = "no joint is ticked; tick those that your hand is to lead"
 _ABILITY = "release_channels"
 
 
@@ -42,7 +43,8 @@ class ByHand:
             with in_row(gui):
                 self._go_limp = gui.add_button("Let ticked joints go limp", color="orange")
                 self._back = gui.add_button("Take them back as they stand", color="gray")
-            session.needs(Need.HOLDING_SOME, self._go_limp, hint="They fall unless a hand holds them.")
+            hint = "They fall unless a hand holds them."
+            session.needs(Need.HOLDING_SOME, self._go_limp, also=self._none_ticked, hint=hint)
             self._state = LiveHtml(gui)
             session.needs(None, self._back, also=_none_limp, told=False)
         session.on(self._go_limp.on_click, self._on_limp)
@@ -57,10 +59,15 @@ class ByHand:
             f"<b>Limp: {limp}.</b> The others hold." if limp else muted("All joints hold or are off.")
         )
 
+    def _ticked(self) -> tuple[str, ...]:
+        return tuple(name for name, tick in self._ticks.items() if tick.value)
+
+    def _none_ticked(self, _: Snapshot) -> str | None:
+        return None if self._ticked() else _NO_TICK
+
     async def _on_limp(self) -> None:
-        names = tuple(name for name, tick in self._ticks.items() if tick.value)
-        if not names:
-            raise InputError("no joint is ticked; tick those that your hand is to lead")
+        if not (names := self._ticked()):
+            raise InputError(_NO_TICK)
         await self._session.submit(Release(names))
 
     async def _on_back(self) -> None:

@@ -163,6 +163,8 @@ _LEGEND = (
     "<span><i class='dot'></i>where it would go</span></div>"
 )
 _FOLLOWING = "The sliders show the arm. Move one, then press Go."
+_WATCHING = "The sliders show the arm. Move one to plan: the operator moves the arm."
+_PLANNED = "The sliders show the next pose, as the ghost does. The operator moves the arm."
 _EDITED = "The sliders show the next pose, as the ghost does. Go moves the arm there."
 _RUNNING = "The sliders show the next pose. Its ghost is away while a program runs."
 _AT_ONCE = "− and + turn a joint at once, by so many degrees. Clicks add up."
@@ -194,7 +196,7 @@ class JointControl:
         self._told = session.needs(
             None,
             reset,
-            also=lambda _: _FOLLOWING if session.next.q is None else None,
+            also=self._following,
             anyone=True,
             hint=_EDITED,
         )
@@ -214,6 +216,11 @@ class JointControl:
         session.on(group.on_click, partial(self._on_step, i, group))
         yield group
 
+    def _following(self, _: Snapshot) -> str | None:
+        if self._session.next.q is not None:
+            return None
+        return _FOLLOWING if self._session.operates else _WATCHING
+
     def refresh(self, snapshot: Snapshot) -> None:
         """Show the next pose, or the arm."""
         shown = slider_degrees(self._robot, self._session.next.shown_in(snapshot), self._ends)
@@ -221,7 +228,8 @@ class JointControl:
             self._shown = shown
             for i, slider in self._sliders.items():
                 slider.value = shown[i]
-        self._told.hint = _EDITED if snapshot.program is None else _RUNNING
+        edited = _EDITED if self._session.operates else _PLANNED
+        self._told.hint = edited if snapshot.program is None else _RUNNING
         at = slider_degrees(self._robot, self._session.console.last_known.drawn(snapshot), self._ends)
         if at != self._at and self._session.sees("Manual"):
             self._at = at
