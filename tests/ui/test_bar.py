@@ -6,8 +6,7 @@ import asyncio
 import re
 from collections.abc import Coroutine
 from dataclasses import replace
-from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,7 +17,7 @@ from armctl.facts import State
 from armctl.hardware.boards import board_type
 from armctl.motion import plan_line
 from armctl.robot import Robot, load_robot
-from armctl.ui.bar import AskingButton, cause_of, take_html, warning_lines, way_out, where_html
+from armctl.ui.bar import AskingButton, take_html, warning_lines, way_out, where_html
 from armctl.ui.tabs.manual.joints import joint_steps, rounding_note, rounding_off_m
 
 SERVO_ARMS = ("uzuner", "abaas", "mico", "humanoid")
@@ -140,17 +139,3 @@ async def _ask_and_forget() -> None:
     await last
     assert not asking.asked
     assert drawn == [True, True, True, True, False]
-
-
-@pytest.mark.parametrize(
-    ("cause", "told"),
-    [
-        ("program 'pick' (browser page 1)", "runs 'pick'"),
-        ("program 'pick' (Bob)", "runs 'pick' (Bob)"),
-        ("program 'pick' pausing (browser page 1)", "program 'pick' pausing"),
-        ("move (browser page 12)", "move (browser page 12)"),
-    ],
-)
-def test_the_page_is_not_told_its_own_name(cause: str, told: str) -> None:
-    program = SimpleNamespace(name="pick")
-    assert cause_of(cast(Any, SimpleNamespace(cause=cause, program=program)), "browser page 1") == told

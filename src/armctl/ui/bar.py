@@ -103,7 +103,8 @@ class ControlBar:
         self._tell_control()
         self._tell_message(snapshot.message)
         source = session.console.last_known.words(snapshot, session.console.robot.board)
-        cause = cause_of(snapshot, session.me)
+        program = snapshot.program if snapshot.state is State.MOVING else None
+        cause = snapshot.cause if program is None else f"runs {program.name!r}"
         if snapshot.stopped is not None:
             cause = say(session.with_names(snapshot.stopped))
         session.parts.show(_BAR, self._bar(snapshot, cause, source))
@@ -338,14 +339,6 @@ def take_html(operator: str, *, asks: bool) -> str:
     """The button by which a page that watches takes control; once pressed it asks, and is pressed again."""
     question = f"Take it from {operator}? Click again" if asks else ""
     return button("take", "Take control", kind="asks" if asks else "", asks=question)
-
-
-def cause_of(snapshot: Snapshot, me: str) -> str:
-    """Why the arm does what it does, as page ``me`` is told; what it began itself has nobody's name."""
-    program, cause = snapshot.program, snapshot.cause
-    if program is not None and cause.startswith(begun := f"program {program.name!r} ("):
-        cause = f"runs {program.name!r} ({cause.removeprefix(begun)}"
-    return cause.removesuffix(f" ({me})")
 
 
 def way_out(snapshot: Snapshot) -> str:

@@ -30,7 +30,6 @@ FRAME_S = 1 / 30
 _LINGER_S = 2.0
 _COLOR = (240, 140, 0)
 _PROGRAM = "the program of Serial motion"
-_EXPORT_HINT = "One file that plays this in any browser, without armctl and without a network."
 _NO_TWIN = "no twin moves"
 _IDLE = "The orange twin rehearses <b>without the arm</b>."
 
@@ -67,7 +66,7 @@ class TwinControl:
         self._bar = gui.add_progress_bar(0.0, visible=False)
         session.needs(None, start, also=lambda _: self._no_steps(), anyone=True)
         session.needs(None, stop, also=lambda _: None if self._playing else _NO_TWIN, told=False, anyone=True)
-        self._export = gui.add_button("Export", icon=viser.Icon.DOWNLOAD, color="gray", hint=_EXPORT_HINT)
+        self._export = gui.add_button("Export", icon=viser.Icon.DOWNLOAD, color="gray")
         self._export_text = LiveHtml(gui, visible=False)
         self._share: float | None = None
         """how much of an export is done; None: none is made"""
