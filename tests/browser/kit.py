@@ -337,8 +337,14 @@ class Screen:
     def dismiss_graphics_warning(self) -> None:
         """Close the notification that a browser without graphics card shows, it hides the scene's corner."""
         warning = self.page.locator("#webgl-software-rendering")
-        warning.get_by_role("button").click()
-        expect(warning).to_have_count(0, timeout=PATIENCE_MS)
+        warning.wait_for()
+
+        def gone() -> bool:  # a click while it slides in can miss it
+            for button in warning.get_by_role("button").all():
+                button.evaluate("button => button.click()")
+            return warning.count() == 0
+
+        self.wait_until(gone, "the warning is closed")
 
     def screenshot(self, name: str) -> None:
         """Save what is seen as ``name.png`` in $ARMCTL_SCREENSHOTS, to be looked at; nothing without that.
