@@ -340,8 +340,7 @@ class Screen:
         warning.wait_for()
 
         def gone() -> bool:  # a click while it slides in can miss it
-            for button in warning.get_by_role("button").all():
-                button.evaluate("button => button.click()")
+            self.page.evaluate("document.querySelector('#webgl-software-rendering button')?.click()")
             return warning.count() == 0
 
         self.wait_until(gone, "the warning is closed")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import random
 import re
 from collections.abc import Iterator
@@ -420,18 +419,18 @@ def test_a_click_on_a_pin_in_the_scene_selects_its_step_and_makes_it_the_next_po
     show(page, served, MoveStep(joints_deg=up), MoveStep(joints_deg=aside), MoveStep(joints_deg=up))
     page.wait_until(lambda: page.node("/program/pin1") is not None, "there are two pins")
     assert page.node("/program/pin2") is None  # two steps lead to one place
-    page.pause(300)
-    at = arrow_px(page, "/program/pin1", 0.0)
     over = page.page.locator("canvas[data-armctl-pressable]")
-    other = arrow_px(page, "/program/pin0", 0.0)
-    x, y = (2 * here - there for here, there in zip(at, other, strict=True))  # beside neither
-    nudges = itertools.cycle((0, 1))  # a slow picture hears of the next move what it missed of the last
 
     def left_alone() -> bool:
-        page.page.mouse.move(x + next(nudges), y)
+        """Beside both pins; where they are changes as long as the page is being built."""
+        x, y = arrow_px(page, "/program/pin1", 0.0)
+        away_x, away_y = arrow_px(page, "/program/pin0", 0.0)
+        page.page.mouse.move(2 * x - away_x, 2 * y - away_y)
+        page.pause()
         return over.count() == 0
 
     page.wait_until(left_alone, "nothing can be pressed beside the pins")
+    at = arrow_px(page, "/program/pin1", 0.0)
     page.page.mouse.move(*at)
     expect(over).to_have_css("cursor", "pointer")
     page.page.mouse.click(*at)

@@ -29,6 +29,7 @@ from armctl.protocol import (
     Command,
     Control,
     Doing,
+    HomeAxes,
     MoveJoints,
     Origin,
     Party,
@@ -372,21 +373,27 @@ def test_what_was_pressed_before_stop_begins_no_motion_after_it(
     assert page.press() == [Release, MoveJoints]
 
 
+_MOVE = MoveJoints(ROBOT.pose("home"))
+
+
 @pytest.mark.parametrize(
-    ("stopped", "told"),
+    ("command", "stopped", "told"),
     [
-        (Stopped("browser page 7", what="move"), []),
-        (Stopped("browser page 8", what="move"), ["move was stopped by browser page 8"]),
-        (Stopped("browser page 7", "it is gone"), ["stopped by browser page 7: it is gone"]),
+        (_MOVE, Stopped("browser page 7", what="move"), []),
+        (_MOVE, Stopped("browser page 8", what="move"), ["move was stopped by browser page 8"]),
+        (_MOVE, Stopped("browser page 7", "it is gone"), ["stopped by browser page 7: it is gone"]),
+        (HomeAxes(), Stopped("browser page 7", what="homing"), ["homing was stopped by you"]),
     ],
 )
-def test_nobody_is_told_of_their_own_stop(server: GuardedServer, stopped: Stopped, told: list[str]) -> None:
+def test_nobody_is_told_of_their_own_stop_but_of_axes_that_are_not_homed(
+    server: GuardedServer, command: Command, stopped: Stopped, told: list[str]
+) -> None:
     bench = Bench(server)
     bench.ticket = Ticket([])
 
     async def stop() -> None:
         bench.ticket.accepted.set_result(None)
-        await bench.session.submit(MoveJoints(ROBOT.pose("home")))
+        await bench.session.submit(command)
         bench.ticket.finished.set_exception(StateError(stopped))
         for _ in range(20):
             await asyncio.sleep(0)

@@ -17,7 +17,7 @@ import viser
 from armctl.errors import ArmctlError
 from armctl.facts import Need, Reason, say
 from armctl.facts.commands import Stopped
-from armctl.protocol import Command, ControlCommand, Origin, Snapshot, Ticket
+from armctl.protocol import Command, ControlCommand, HomeAxes, Origin, Snapshot, Ticket
 from armctl.robot import CarriedPart, Robot
 from armctl.robot.look.rows import Theme
 from armctl.ui.console import page_name
@@ -312,7 +312,7 @@ class Session:
         if at_work is not None:  # from here on the arm itself shows it
             at_work.end()
             self.obeyed.add(label)
-        self.spawn(self._report_end(ticket))
+        self.spawn(self._report_end(ticket, command))
         return ticket
 
     async def say(self, command: ControlCommand) -> None:
@@ -374,8 +374,7 @@ class Session:
 
     def spawn(self, work: Coroutine[Any, Any, None]) -> None:
         """Run something beside the callbacks; it ends with the page, and what it raises is logged."""
-        task = asyncio.create_task(work)
-        self._tasks.add(task)
+        self._tasks.add(task := asyncio.create_task(work))
         task.add_done_callback(self._ended)
 
     def _ended(self, task: asyncio.Task[None]) -> None:
@@ -384,12 +383,13 @@ class Session:
             level = logging.DEBUG if self.closed else logging.ERROR  # it may have outlived its page
             LOG.log(level, "a page's task failed", exc_info=error)
 
-    async def _report_end(self, ticket: Ticket) -> None:
+    async def _report_end(self, ticket: Ticket, command: Command) -> None:
         try:
             await asyncio.wrap_future(ticket.finished)
         except ArmctlError as broken:
             reason = self.with_names(broken.reason)
-            if not (isinstance(reason, Stopped) and not reason.by):  # of one's own STOP the bar tells
+            # One's own STOP is in the bar; that the arm is not homed is not.
+            if not isinstance(reason, Stopped) or reason.by or isinstance(command, HomeAxes):
                 self.notify("Not finished", say(reason), "yellow")
 
     async def find_line(self, link: Callable[[str, str, Session], None], lost: Callable[[int], None]) -> None:

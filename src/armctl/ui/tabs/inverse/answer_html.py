@@ -180,6 +180,8 @@ _WAYS_TOLD = (
 _BEST_TOLD = "{0} may have many angles here: a card is the best of them, the curve shows the others."
 _FEW_JOINTS = 5
 """so many angles stand beside each other with a decimal on a narrow card"""
+_FEW_WAYS = 4
+"""so many cards have room for what their numbers are"""
 _LARGE_LOAD = 10.0
 """needs one decimal only [N·m]"""
 _PICTURE, _DRAWN = 44, 36
@@ -229,16 +231,17 @@ def _card(found: RankedSolutions, way: Way, key: str, picture: str, *, chosen: b
         body, angles = f"<em>{escape(way.refused)}</em>", ""
     else:
         cost = way.costs
-        figures = [f"{fixed(cost.time_s, 2)} s", f"{fixed(cost.travel_deg, 0)}°"]
+        turns, load = ("turns ", "load ") if len(found.choices) <= _FEW_WAYS else ("", "")
+        figures = [f"{fixed(cost.time_s, 2)} s", f"{turns}{fixed(cost.travel_deg, 0)}°"]
         if cost.load:
             unit = unit_of("least-torque", found.solutions.arm.energy).removesuffix(" of stall")
             digits = 0 if unit == "%" else 1 if cost.load >= _LARGE_LOAD else 2
-            figures.append(f"{fixed(cost.load, digits)} {unit}")
+            figures.append(f"{load}{fixed(cost.load, digits)} {unit}")
         badges = "".join(f"<span class=armctl-badge>{one}</span>" for one in way.least)
         more = len(way.rows) - 1
-        turns = f"<span>+{more} by whole turns</span>" * bool(way.folded and more)
+        whole = f"<span>+{more} by whole turns</span>" * bool(way.folded and more)
         told = " · ".join(escape(figure) for figure in figures)
-        body = f"<p>{told}</p><p>{badges}{turns}</p>"
+        body = f"<p>{told}</p><p>{badges}{whole}</p>"
         digits = 1 if len(way.q) <= _FEW_JOINTS or len(found.choices) == 1 else 0
         shown = (f"<span>{fixed(angle, digits)}°</span>" for angle in found.robot.shown(way.q).tolist())
         angles = f"<div class=angles>{''.join(shown)}</div>"

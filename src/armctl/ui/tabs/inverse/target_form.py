@@ -27,7 +27,7 @@ ANY, PITCH_AND_ROLL, WHOLE = "any: position only", "tool pitch and roll", "whole
 class TargetForm:
     """The fields, and the target coupled with them; ``dragged`` runs at every drag."""
 
-    def __init__(self, session: Session, dragged: Action, rare: Container | None) -> None:
+    def __init__(self, session: Session, dragged: Action, rare: Container | None = None) -> None:
         """``rare``: where the quaternion and the switch of the target stand; None: beside the others."""
         self._robot, self._dragged = session.console.robot, dragged
         gui, present = session.gui, session.snapshot.q_command
