@@ -23,6 +23,7 @@ ARROW_M = 0.035
 
 _ON_SCREEN = """([name, x, y, z]) => {
   const node = window.__viserMutable.nodeRefFromName[name];
+  node.updateWorldMatrix(true, false);  // no frame may have come since it was put there
   const camera = window.__viserMutable.camera ?? window.__viserMutable.cameraControl.camera;
   const p = node.localToWorld(node.position.clone().set(x, y, z)).project(camera);
   const box = document.querySelector("#root canvas[data-engine]").getBoundingClientRect();

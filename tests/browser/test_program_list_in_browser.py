@@ -425,6 +425,7 @@ def test_a_click_on_a_pin_in_the_scene_selects_its_step_and_makes_it_the_next_po
         """Beside both pins; where they are changes as long as the page is being built."""
         x, y = arrow_px(page, "/program/pin1", 0.0)
         away_x, away_y = arrow_px(page, "/program/pin0", 0.0)
+        page.page.evaluate("window.__viserMutable.requestRender()")
         page.page.mouse.move(2 * x - away_x, 2 * y - away_y)
         page.pause()
         return over.count() == 0
