@@ -377,10 +377,10 @@ const armctlViser = (() => {
   }
   function radiusOf(node) {
     let radius = 0;
-    node.traverse(({ geometry }) => {
+    node.traverse(({ geometry, matrixWorld }) => {
       if (!geometry) return;
-      geometry.boundingSphere ?? geometry.computeBoundingSphere();
-      radius = Math.max(radius, geometry.boundingSphere.radius);
+      geometry.boundingSphere ?? geometry.computeBoundingSphere(); // of a ball it is 1, its size is a scale
+      radius = Math.max(radius, geometry.boundingSphere.radius * matrixWorld.getMaxScaleOnAxis());
     });
     return radius;
   }
