@@ -208,10 +208,10 @@
 
   // In view of its own list only: the page around it stays, but on a phone. Who types there is not scrolled away.
   const viewed = new WeakMap();
+  const viewedRow = (place) => place.dataset.view && place.querySelector(`:scope > [data-key="${CSS.escape(place.dataset.view)}"]`);
   function keepInView(place) {
-    const { view: key, again } = place.dataset;
-    const wanted = `${key} ${again}`;
-    const row = key && viewed.get(place) !== wanted && place.querySelector(`:scope > [data-key="${CSS.escape(key)}"]`);
+    const wanted = `${place.dataset.view} ${place.dataset.again}`;
+    const row = viewed.get(place) !== wanted && viewedRow(place);
     if (!row || !place.clientHeight || document.activeElement.matches("[data-set]")) return;
     viewed.set(place, wanted);
     view(place, row);
@@ -222,7 +222,7 @@
     for (const { target } of lists) {
       const [was, height] = [heights.get(target), target.clientHeight];
       heights.set(target, height);
-      const row = height < was && target.scrollHeight > height && target.querySelector(`:scope > [data-key="${CSS.escape(target.dataset.view ?? "")}"]`);
+      const row = height < was && target.scrollHeight > height && viewedRow(target);
       if (row && !document.activeElement.matches("[data-set]")) view(target, row);
     }
   });
