@@ -131,6 +131,27 @@ def test_a_page_that_cannot_be_built_does_not_operate(
             assert operator is not None and operator.id == page_name(built)
 
 
+def test_a_page_that_left_while_another_was_drawn_is_not_drawn_for_the_next_arm(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = list[str]()
+    with served_arm(tmp_path, "abaas") as served, RawPage(served.app.server.get_port()) as stays:
+        stays.operate()
+        (first,) = served.app._pages.values()
+        with RawPage(served.app.server.get_port()) as leaves:
+            leaves.operate()
+            (_, second) = served.app._pages.values()
+
+            async def refresh() -> None:
+                monkeypatch.setattr(first, "see", lambda _: (asked.append("first"), second.session.close()))
+                monkeypatch.setattr(second, "see", lambda _: asked.append("second"))
+                await served.app._refresh_pages()
+                monkeypatch.undo()
+
+            asyncio.run_coroutine_threadsafe(refresh(), served.app.server.get_event_loop()).result(PATIENCE_S)
+    assert set(asked) == {"first"}
+
+
 @pytest.mark.parametrize("where", [1e9, math.nan, math.inf])
 @pytest.mark.parametrize("follows", ["the twin follows", "THE ARM follows"])
 def test_a_target_out_of_this_world_ends_the_live_target(

@@ -256,15 +256,21 @@ class App:
                 self._draw_frame()
             except Exception:
                 LOG.exception("a frame could not be drawn")
-            for client_id, page in tuple(self._pages.items()) if frame % _FRAMES_A_REFRESH == 0 else ():
-                try:
-                    page.see(self._lines.tabs(page_name(client_id)))
-                    page.refresh(self._console.controller.snapshot)
-                except RuntimeError:  # the page has just gone
-                    LOG.debug("a page could not be refreshed", exc_info=True)
-                except Exception:  # the other pages go on
-                    LOG.exception("%s could not be refreshed", page_name(client_id))
-                await asyncio.sleep(0)  # a click is not to wait for all pages
+            if frame % _FRAMES_A_REFRESH == 0:
+                await self._refresh_pages()
+
+    async def _refresh_pages(self) -> None:
+        for client_id, page in tuple(self._pages.items()):
+            if page.session.closed:  # it left while the others were drawn; the arm may be another since then
+                continue
+            try:
+                page.see(self._lines.tabs(page_name(client_id)))
+                page.refresh(self._console.controller.snapshot)
+            except RuntimeError:  # the page has just gone
+                LOG.debug("a page could not be refreshed", exc_info=True)
+            except Exception:  # the other pages go on
+                LOG.exception("%s could not be refreshed", page_name(client_id))
+            await asyncio.sleep(0)  # a click is not to wait for all pages
 
     def _draw_frame(self) -> None:
         console = self._console
