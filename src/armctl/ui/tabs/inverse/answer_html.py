@@ -240,7 +240,7 @@ def _card(found: RankedSolutions, way: Way, key: str, picture: str, *, chosen: b
         badges = "".join(f"<span class=armctl-badge>{one}</span>" for one in way.least)
         more = len(way.rows) - 1
         whole = f"<span>+{more} by whole turns</span>" * bool(way.folded and more)
-        told = " · ".join(escape(figure) for figure in figures)
+        told = "".join(f"<span>{escape(figure)}</span>" for figure in figures)
         body = f"<p>{told}</p><p>{badges}{whole}</p>"
         digits = 1 if len(way.q) <= _FEW_JOINTS or len(found.choices) == 1 else 0
         shown = (f"<span>{fixed(angle, digits)}°</span>" for angle in found.robot.shown(way.q).tolist())
