@@ -14,17 +14,19 @@ from armctl.robot import Robot, load_robot
 from armctl.ui.guard import GuardedServer
 from armctl.ui.offers import NO_REASON
 from armctl.ui.tabs.forward.figures import (
+    ABOUT,
     LAST,
     REFERENCE,
     SHOWN,
     direction_words,
+    goals_html,
     jacobian_html,
     joint_rates_html,
     manipulability_html,
     offers_html,
     pose_html,
     resulting_pose,
-    results_html,
+    results,
     tool_speeds_html,
     tool_velocity_html,
 )
@@ -40,9 +42,10 @@ def test_results_tell_where_both_buttons_lead_and_what_is_outside(server: Guarde
     for how, goal in ((REFERENCE, asked), (SHOWN[0], asked), (LAST, HOME + asked), (SHOWN[1], HOME + asked)):
         assert np.array_equal(resulting_pose(how, asked, HOME), goal)
     angles = angle_fields(server.gui, ROBOT, asked)
-    told = results_html(ROBOT, angles, HOME)
-    assert "<td>reference</td>" in told.reference and "<td>last</td>" in told.last
-    assert "class=bad" not in told.reference and "<td class=bad>180.0</td>" in told.last
+    told = goals_html(ROBOT, HOME, results(angles, HOME).goals)
+    to, by = told.split(ABOUT[LAST])
+    assert "<td>now</td>" in to and "<td>reference</td>" in to and "class=bad" not in to
+    assert "<td>last</td>" in by and "<td class=bad>180.0</td>" in by
     page = FakePage(server, ROBOT, HOME)
     screen = ForwardScreen(page.session)
     page.put("Shoulder °", "90")
@@ -55,12 +58,11 @@ def test_results_tell_where_both_buttons_lead_and_what_is_outside(server: Guarde
     assert offers_html({REFERENCE: "it is off", LAST: "it is off"}).count("It is off.") == 1
     page.put("Shoulder °", "half")
     assert screen._outside(LAST, page.session.snapshot) is None  # told elsewhere, and where it is pressed
-    opened = results_html(ROBOT, angles, HOME, edited=False)
-    assert "now" in opened.now and "The fields follow the arm" in opened.notes
+    assert "The fields follow the arm" in results(angles, HOME, edited=False).notes
     angles.fields[2].handle.value = "<b>4x"
-    told = results_html(ROBOT, angles, HOME)
-    assert "Nothing can be sent: Elbow °: &#x27;&lt;b&gt;4x&#x27; is not a number" in told.notes
-    assert told.reference == told.last == ""
+    half = results(angles, HOME)
+    assert "Nothing can be sent: Elbow °: &#x27;&lt;b&gt;4x&#x27; is not a number" in half.notes
+    assert goals_html(ROBOT, HOME, half.goals).count("<td>–</td>") == 2 * 8
 
 
 def test_a_pose_in_figures_and_which_way_a_stretched_arm_cannot_go() -> None:

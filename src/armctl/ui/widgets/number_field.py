@@ -208,9 +208,12 @@ def field_grid(gui: viser.GuiApi, columns: int = 3) -> viser.GuiFormHandle:
     return _arranged(gui, f"grid={columns}")
 
 
-def button_pairs(gui: viser.GuiApi) -> viser.GuiFormHandle:
-    """A container in which buttons stand two in a row, such as those of − and + of an axis."""
-    return _arranged(gui, "pairs")
+def button_pairs(gui: viser.GuiApi, *, wide: bool = False) -> viser.GuiFormHandle:
+    """A container in which buttons stand two in a row, such as those of − and + of an axis.
+
+    ``wide``: their words are long; on a phone there is one a row.
+    """
+    return _arranged(gui, "pairs=wide" if wide else "pairs")
 
 
 def choices_in_row(gui: viser.GuiApi) -> viser.GuiFormHandle:

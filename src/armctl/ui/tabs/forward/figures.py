@@ -276,18 +276,15 @@ def resulting_pose(how: str, asked: FloatArray, present: FloatArray) -> FloatArr
 
 
 class Results(NamedTuple):
-    """Where the arm is, and where each button would send it, as HTML; empty: nowhere."""
+    """Where each button would send the arm."""
 
-    now: str
-    """with the names of the columns above it"""
-    reference: str
-    last: str
+    goals: Mapping[str, FloatArray]
+    """(n,) by button [rad]; empty: nothing can be sent"""
     notes: str
     """what the fields and the ghost show, and why nothing can be sent"""
 
 
-def results_html(
-    robot: Robot,
+def results(
     angles: FieldArray,
     present: FloatArray,
     *,
@@ -296,13 +293,13 @@ def results_html(
     ghost: str = "",
     taken: bool = False,
 ) -> Results:
-    """A row for where the arm is, and one for where each button would send it.
+    """Where each button would send the arm from ``present`` (n,) [rad].
 
     Before the fields are edited they hold the pose of the arm, which is the one with respect to reference.
     ``unmet``: why nothing can be sent although the angles are complete. ``ghost``: which of ``SHOWN`` is
     drawn; empty: none. ``taken``: the fields show a next pose that was written elsewhere.
     """
-    reference = last = ""
+    goals = dict[str, FloatArray]()
     notes = muted(_TAKEN) if taken else "" if edited else muted(_UNEDITED)
     try:
         asked = angles.array
@@ -311,13 +308,19 @@ def results_html(
     except ArmctlError as refusal:
         notes = refused(f"Nothing can be sent: {refusal}.")
     else:
-        reference = _goal_html(robot, "reference", resulting_pose(REFERENCE, asked, present), REFERENCE)
-        last = _goal_html(robot, "last", resulting_pose(LAST, asked, present), LAST)
+        goals = {how: resulting_pose(how, asked, present) for how in ABOUT}
     drawn = muted(f"The ghost shows the {ghost}.") if ghost else ""
+    return Results(goals, notes + drawn)
+
+
+def goals_html(robot: Robot, now: FloatArray, goals: Mapping[str, FloatArray]) -> str:
+    """Where the arm is drawn (n,) [rad], and where each button would send it: a table of five lines."""
     head = "".join(_heads(robot)) + "".join(f"<th>{axis} mm</th>" for axis in "XYZ")
-    return Results(
-        _goal_html(robot, "now", present, head=f"<tr><td></td>{head}</tr>"), reference, last, notes + drawn
-    )
+    rows = _goal_html(robot, "now", now)
+    for name, how in (("reference", REFERENCE), ("last", LAST)):
+        rows += f"<tr><td></td><td colspan={robot.n + 3} class=about>{ABOUT[how]}</td></tr>"
+        rows += _goal_html(robot, name, goals.get(how))
+    return f"<table class=armctl-goal><tr><td></td>{head}</tr>{rows}</table>"
 
 
 def _heads(robot: Robot) -> list[str]:
@@ -327,14 +330,15 @@ def _heads(robot: Robot) -> list[str]:
     return [f"<th title='{escape(joint.title)}'>J{i}</th>" for i, joint in enumerate(robot.joints, 1)]
 
 
-def _goal_html(robot: Robot, name: str, q: FloatArray, how: str = "", head: str = "") -> str:
+def _goal_html(robot: Robot, name: str, q: FloatArray | None) -> str:
     """A row of numbers at ``q`` (n,) [rad]: one that is outside the limits of its joint stands out."""
+    if q is None:
+        return f"<tr><td>{name}</td>{'<td>–</td>' * (robot.n + 3)}</tr>"
     inside = (robot.limits[:, 0] - _INSIDE_RAD <= q) & (q <= robot.limits[:, 1] + _INSIDE_RAD)
     marks = (*("" if ok else " class=bad" for ok in inside.tolist()), "", "", "")
     values = (*robot.shown(q).tolist(), *(1000 * robot.forward(q)[:3, 3]).tolist())
     cells = "".join(f"<td{mark}>{fixed(v, 1)}</td>" for mark, v in zip(marks, values, strict=True))
-    head = f"<caption>{ABOUT[how]}</caption>" if how else head
-    return f"<table class=armctl-goal>{head}<tr><td>{name}</td>{cells}</tr></table>"
+    return f"<tr><td>{name}</td>{cells}</tr>"
 
 
 def offers_html(why: Mapping[str, str | Reason | None]) -> str:

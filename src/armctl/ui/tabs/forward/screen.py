@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
 from functools import partial
 
 import numpy as np
@@ -29,15 +29,17 @@ from armctl.ui.tabs.forward.figures import (
     PRESENT,
     REFERENCE,
     SHOWN,
+    Results,
     VelocityForm,
+    goals_html,
     jacobian_html,
     offers_html,
     pose_html,
     resulting_pose,
-    results_html,
+    results,
 )
 from armctl.ui.widgets.angle_fields import OrientationFields, angle_fields, held_at
-from armctl.ui.widgets.html import EMPTY_LINE, LiveHtml, muted, refused, sentence
+from armctl.ui.widgets.html import LiveHtml, muted, refused, sentence
 from armctl.ui.widgets.number_field import (
     MILLIMETRES,
     MOST_IN_A_ROW,
@@ -46,6 +48,7 @@ from armctl.ui.widgets.number_field import (
     Following,
     NumberField,
     TextEntry,
+    button_pairs,
     field_grid,
 )
 from armctl.ui.widgets.profile_choice import MOVEMENTS, ProfileChoice
@@ -60,9 +63,11 @@ class ForwardScreen:
 
     def __init__(self, session: Session) -> None:
         self._session, self._robot = session, session.console.robot
-        self._standing = session.console.last_known.standing
+        self._last_known = session.console.last_known
         self._writer = PoseWriter(session, "angles in Forward", self._how, self._on_end, self._settled)
         self._drawn: tuple[object, ...] = ()
+        self._sent_to: Mapping[str, FloatArray] = {}
+        """(n,) where each button would send the arm [rad]; empty: nowhere"""
         self._written: tuple[object, ...] = ()
         gui = session.gui
         tabs = gui.add_tab_group()
@@ -72,12 +77,10 @@ class ForwardScreen:
             self._coupling = PoseCoupling(session, self._angles, self._on_coupled)
             self._fill_with = gui.add_button_group("Fill with", ("present pose", *self._robot.poses))
             self._movement = ProfileChoice(gui, session.on, MOVEMENTS)
-            self._now = LiveHtml(gui)
-            go = partial(gui.add_button, icon=viser.Icon.PLAYER_PLAY, color="gray")
-            absolute = go(REFERENCE, hint=ABOUT[REFERENCE])
-            self._reference = LiveHtml(gui)
-            relative = go(LAST, hint=ABOUT[LAST])
-            self._last = LiveHtml(gui)
+            with button_pairs(gui, wide=True):  # above the numbers, which move neither
+                absolute = gui.add_button(REFERENCE, hint=ABOUT[REFERENCE], color="gray")
+                relative = gui.add_button(LAST, hint=ABOUT[LAST], color="gray")
+            self._goals = LiveHtml(gui)
             self._offers = {
                 how: session.needs(Need.HOLDING, button, also=partial(self._outside, how), told=False)
                 for how, button in ((REFERENCE, absolute), (LAST, relative))
@@ -115,7 +118,7 @@ class ForwardScreen:
         except ArmctlError:
             return None
         try:
-            self._robot.check_limits(resulting_pose(how, asked, self._standing(snapshot)))
+            self._robot.check_limits(resulting_pose(how, asked, self._last_known.standing(snapshot)))
         except ArmctlError as refusal:
             return str(refusal)
         return None
@@ -181,7 +184,11 @@ class ForwardScreen:
             self._on_end("arrived")
 
     def _draw(self, snapshot: Snapshot) -> None:
-        present, shown, next_pose = self._standing(snapshot), self._shown.value, self._session.next
+        self._draw_figures(snapshot)
+        self._goals.show(goals_html(self._robot, self._last_known.drawn(snapshot), self._sent_to))
+
+    def _draw_figures(self, snapshot: Snapshot) -> None:
+        present, shown, next_pose = self._last_known.standing(snapshot), self._shown.value, self._session.next
         # a field that changes all the time cannot be typed into, and what was typed and is being solved stays
         if not (snapshot.busy or self._coupling.computing):
             self._following.follow(next_pose.shown(present))
@@ -201,20 +208,14 @@ class ForwardScreen:
             self._write(None if refusal is not None or shown == PRESENT else q)
         self._drawn = (*key[:5], next_pose.number, unmet)
         taken = self._writer.taken
-        told = results_html(
-            self._robot,
-            self._angles,
-            present,
-            edited=edited or taken,
-            unmet=unmet,
-            ghost=self._said(q, shown),
-            taken=taken,
-        )
-        if not (edited or taken) and snapshot.busy:  # the fields hold where it was
-            told = told._replace(reference="", last="", notes=muted(_MOVING))
-        self._now.show(told.now)
-        self._reference.show(told.reference or EMPTY_LINE)
-        self._last.show(told.last or EMPTY_LINE)
+        if snapshot.busy and not (edited or taken):  # the fields hold where it was
+            told = Results({}, muted(_MOVING))
+        else:
+            said = self._said(q, shown)
+            told = results(
+                self._angles, present, edited=edited or taken, unmet=unmet, ghost=said, taken=taken
+            )
+        self._sent_to = told.goals
         self._notes.show(told.notes)
         if refusal is not None:
             why_not = refused(sentence(str(refusal)))
