@@ -218,8 +218,11 @@ class Graph:
         )
 
 
-def graph_html(graph: Graph, curves: Curves, heading: str) -> str:
-    """A graph with its heading, zoom and legend. ``curves`` are all that there is."""
+def graph_html(graph: Graph, curves: Curves, heading: str, play: str = "") -> str:
+    """A graph with its heading, zoom and legend. ``curves`` are all that there is.
+
+    ``play``: a button that stands with those that zoom.
+    """
     begin, end = float(curves.x[0]), float(curves.x[-1])
     if end <= begin:
         return f"<p class='plot'>{escape(heading)}: the motion ends where it begins.</p>"
@@ -228,7 +231,7 @@ def graph_html(graph: Graph, curves: Curves, heading: str) -> str:
     low, high = graph.window
     view = curves.at(begin + np.linspace(low, high, SAMPLES) * (end - begin))
     return (
-        f"<header><b>{escape(heading)}</b>{graph.tools()}</header>"
+        f"<header><b>{escape(heading)}</b>{play}{graph.tools()}</header>"
         f"<div class='legend'>{legend(curves.lines, values, curves.bounds, curves.marks)}</div>"
         f"{graph.plot(view, heading, TALL_TICKS)}"
     )

@@ -112,6 +112,7 @@ def strong(text: str) -> str:
 
 _ICONS = {
     "play": "M5 3l9 5-9 5z",
+    "pause": "M5.5 3.5v9M10.5 3.5v9",
     "cross": "M4 4l8 8M12 4l-8 8",
     "record": "M8 4a4 4 0 1 0 .01 0z",
     "theme": "M8 2.5a5.5 5.5 0 1 0 .01 0zM8 2.5v11",

@@ -19,7 +19,7 @@ from armctl.ui.scene.ghost import LOOKED_AT, Lines, Preview, played, segments
 from armctl.ui.session import Session
 from armctl.ui.tabs.trajectory.plan import PlannedMotion
 from armctl.ui.widgets.graph import Bound, Curves, Graph, PlotLine, graph_html
-from armctl.ui.widgets.html import LiveHtml, fixed, heading, muted, numbers, strong, table
+from armctl.ui.widgets.html import LiveHtml, button, fixed, heading, muted, numbers, strong, table
 from armctl.ui.widgets.number_field import choices_in_row
 
 OF = ("Tool", "Joints")
@@ -45,7 +45,6 @@ _SPEEDS = 5, 400, 5
 _SPEED_HINT = "Of the ghost; the arm does not move."
 _PART = "graph"
 _PATH_POINTS = 400
-_PLAY, _PAUSE = ("Play", viser.Icon.PLAYER_PLAY), ("Pause", viser.Icon.PLAYER_PAUSE)
 
 
 class GraphView:
@@ -61,17 +60,15 @@ class GraphView:
         gui = session.gui
         self._curves: Curves | None = None
         self._graph = Graph(session, _PART, self._on_cursor, self._draw, scrolls=True)
+        session.on_part("play", self._on_play)
         session.parts.add(gui, _PART)
         self._note = LiveHtml(gui, muted(_JERK_NOTE), visible=False)
-        self._cursor_box = gui.add_folder(None, visible=False)
-        with self._cursor_box:
-            self._play = gui.add_button(_PLAY[0], icon=_PLAY[1], color="gray")
-            self._time = gui.add_slider("Time s", 0.0, 1.0, 0.001, initial_value=0.0, hint=_ZOOM_NOTE)
-            with choices_in_row(gui):
-                self._of = gui.add_dropdown("Graph of", OF)
-                self._quantity = gui.add_dropdown("Quantity", tuple(QUANTITIES))
-                self._limits = gui.add_dropdown("Limits", LIMITS, hint=_LIMITS_HINT)
-            self._where = LiveHtml(gui)
+        self._time = gui.add_slider("Time s", 0.0, 1.0, 0.001, initial_value=0.0, hint=_ZOOM_NOTE)
+        with choices_in_row(gui):
+            self._of = gui.add_dropdown("Graph of", OF)
+            self._quantity = gui.add_dropdown("Quantity", tuple(QUANTITIES))
+            self._limits = gui.add_dropdown("Limits", LIMITS, hint=_LIMITS_HINT)
+        self._where = LiveHtml(gui)
         with gui.add_folder("Numbers and play speed", expand_by_default=False):
             self._speed = gui.add_slider("Play speed %", *_SPEEDS, initial_value=100, hint=_SPEED_HINT)
             self._joints = LiveHtml(gui)
@@ -86,7 +83,6 @@ class GraphView:
         for group in (self._of, self._quantity, self._limits):
             session.on(group.on_update, self._look)
         session.on(self._time.on_update, self._on_time)
-        session.on(self._play.on_click, self._on_play)
         session.on(keep.on_click, lambda: self._keep(self._require_shown()))
         session.on(self._drop.on_click, lambda: self._keep(None))
         session.on(self._export.on_click, self._on_export)
@@ -107,7 +103,6 @@ class GraphView:
         self._time.value = 0.0
         end = max(math.ceil(1000 * shown.trajectory.duration - 1e-9), 1) / 1000  # never before the true end
         self._time.max = self._time.value = end
-        self._cursor_box.visible = True
         self._look(draw=False)
         self._go(shown, self._time.value)
 
@@ -138,7 +133,9 @@ class GraphView:
     def _draw(self) -> None:
         if self._curves is not None:
             heading = title(self._of.value, self._quantity.value)
-            self._session.parts.show(_PART, graph_html(self._graph, self._curves, heading))
+            label, icon = ("Pause", "pause") if self._playing else ("Play", "play")
+            play = button("play", label, icon=icon)
+            self._session.parts.show(_PART, graph_html(self._graph, self._curves, heading, play))
 
     def _go(self, shown: PlannedMotion, time: float, *, draw: bool = True) -> None:
         time = min(time, shown.trajectory.duration)
@@ -160,13 +157,12 @@ class GraphView:
             self._time.value = min(round(share * self._longest_s, 3), self._time.max)
             self._go(self._shown, self._time.value)
 
-    def _on_play(self) -> None:
+    def _on_play(self, _: str) -> None:
         if self._playing:
             self._halt()
         else:
             shown = self._require_shown()
             self._playing = True
-            self._play.label, self._play.icon = _PAUSE
             self._session.spawn(self._run(shown, self._newest.begin()))
 
     async def _run(self, shown: PlannedMotion, is_newest: Callable[[], bool]) -> None:
@@ -188,8 +184,9 @@ class GraphView:
 
     def _halt(self) -> None:
         self._newest.drop()
-        self._playing = False
-        self._play.label, self._play.icon = _PLAY
+        if self._playing:
+            self._playing = False
+            self._draw()
 
     def _keep(self, a: PlannedMotion | None) -> None:
         self._a = a
