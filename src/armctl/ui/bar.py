@@ -55,7 +55,9 @@ _BLUE = (24, 100, 171)
 _FITS = 28
 """letters of a cause that a phone has room for below the state"""
 _BAR, _ALERTS, _WHERE = "bar", "alerts", "where"
-_SHOW_ALL = f"<p>{button('show-all', 'Show all', title='A part of it is outside the picture')}</p>"
+_SHOW_ALL = (
+    f"<p>{button('show-all', 'Show all', icon='all', title='A part of the ghost is outside the picture')}</p>"
+)
 
 
 class ControlBar:

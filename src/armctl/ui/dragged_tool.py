@@ -71,9 +71,15 @@ class DraggedTool:
         self._arrows.on_update(drag)
 
     def refresh(self, snapshot: Snapshot) -> None:
-        """Stand at the tool, unless they are held; hidden while the arm moves, and beside other arrows."""
+        """Stand at the tool, unless they are held; hidden while the arm moves, and beside other arrows.
+
+        Hidden as well where there is no ghost for them to lead: in a program that pauses, and while another
+        motion is looked at.
+        """
         others = any(arrows.visible for arrows in self._session.other_arrows)
-        if visible := snapshot.state is not State.MOVING and not others:
+        away = snapshot.program is not None
+        away |= self._session.next.q is not None and self._session.next.in_view is None
+        if visible := not (snapshot.state is State.MOVING or others or away):
             self._stand(self._tool(snapshot))
         if self._arrows.visible is not visible:
             self._arrows.visible = visible

@@ -49,7 +49,7 @@ class InverseScreen:
         self._mark = scene.add_icosphere("/inverse_mark", 0.006, color=_MARK_COLOR, visible=False)
         self._answer: RankedSolutions | None = None
         self._answered: tuple[str | None, ...] = ()
-        self._number, self._ghost_is_old = 0, False  # the number of the answer
+        self._number, self._ghost_is_old, self._marked = 0, False, False  # the number of the answer
         self._newest, self._one_at_a_time = Newest(), asyncio.Lock()
         self._judging = OneAtATime(self._judge_selected)
         gui = session.gui
@@ -116,7 +116,8 @@ class InverseScreen:
                 self._show_selected()
         self._looked_at.refresh(snapshot.q_command)
         if not (self._writer.shown or self._looked_at.shown or self._branches.as_ghosts):
-            self._mark.visible = False
+            self._marked = False
+        self._mark.visible = self._marked and snapshot.program is None  # its ghost is away meanwhile
 
     def _how(self) -> Movement:
         return self._movement.checked()
@@ -299,7 +300,7 @@ class InverseScreen:
     def _forget(self, refusal: ArmctlError) -> None:
         """What the fields hold cannot be solved: no answer of others stays beside them."""
         self._answered = ()
-        self._nearest.visible = self._mark.visible = False
+        self._nearest.visible = self._mark.visible = self._marked = False
         self._all.visible = self._of_branches.visible = False
         self._tell(refused(f"{refusal}."))
         self._list.reset(None)
@@ -323,7 +324,7 @@ class InverseScreen:
         self._of_branches.visible = solutions.success or bool(found.verdicts)
         self._branches.show(found)
         self._mark.position = solutions.target.position
-        self._mark.visible = True
+        self._mark.visible = self._marked = True
         if not self._writer.overtaken:
             self._show_ghost()
         self._curve.show(found, self._pager.row)
