@@ -29,8 +29,8 @@ def test_a_new_page_shows_the_speed_in_force_and_after_a_reconnect_enable_takes_
     page.click("Enable")
     served.wait_for_deg(page, HOME, within=0.02)
     page.button("Release").dblclick()  # its second click is no answer to the question
-    page.wait_for_text("DROPS! Click again")
+    page.wait_for_text("Drops! Press again")
     page.pause(700)
     assert served.now.state is State.HOLDING
-    page.click("DROPS! Click again")
+    page.click("Drops! Press again")
     served.wait_for(page, State.OFF)

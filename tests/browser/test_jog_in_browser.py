@@ -124,7 +124,7 @@ def test_keys_move_the_arm_while_they_are_switched_on_by_the_page_that_operates(
     expect(watcher.button(SWITCH_ON)).to_be_disabled()
     operator.click(SWITCH_ON)
     watcher.click("Take control")
-    watcher.wait_for_text(re.compile(r"Take it from .*\? Click again"))
+    watcher.wait_for_text(re.compile(r"Take it from .*\? Press again"))
     watcher.click("Take control")
     operator.wait_until(lambda: operator.button(SWITCH_ON).count() == 1, "its keys are off")
     before = served.commanded_deg

@@ -56,7 +56,7 @@ def test_control_is_asked_for_told_logged_and_locked_and_the_lock_opens_for_the_
     second.wait_for_text("This page is watching, Ada operates; press 'Take control' first.")
     expect(second.button("Home")).to_be_disabled()
     second.click("Take control")
-    second.wait_for_text("Take it from Ada? Click again")
+    second.wait_for_text("Take it from Ada? Press again")
     assert operator(served) == "Ada"
     second.click("Take control")
     first.wait_for_text("This page watches now: Bob operates the arm.")

@@ -207,7 +207,7 @@ def test_a_page_that_watches_follows_but_may_not_choose_and_one_that_closes_mean
     watcher.wait_until(lambda: is_drawn_at_home(watcher, served.robot), "the watcher sees it")
     watcher.screenshot("robot-watcher")
     watcher.click("Take control")
-    watcher.wait_for_text("Take it from browser page 1? Click again")
+    watcher.wait_for_text("Take it from browser page 1? Press again")
     watcher.click("Take control")
     page.wait_for_notification(re.compile("This page watches now: browser page 2 operates the arm"))
     choose(watcher, served, "abaas")

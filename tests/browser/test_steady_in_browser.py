@@ -55,7 +55,7 @@ def test_nothing_moves_away_when_it_is_pressed_or_the_arm_moves(page: Screen, se
 
     def ask() -> None:
         page.click("Release")
-        page.wait_for_text("DROPS! Click again")
+        page.wait_for_text("Drops! Press again")
 
     stays(lambda: page.button("Enable"), ask)
 

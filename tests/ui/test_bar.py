@@ -111,7 +111,7 @@ def test_take_control_asks_in_its_own_button_and_keeps_its_name() -> None:
     assert "asks" not in take_html("Ada", asks=False)
     asked = take_html("A<da", asks=True)
     assert "class='asks'" in asked and "aria-label='Take control'" in asked
-    assert "Take it from A&lt;da? Click again</button>" in asked and "<da" not in asked
+    assert "Take it from A&lt;da? Press again</button>" in asked and "<da" not in asked
 
 
 def test_a_button_that_asks_acts_when_pressed_again_and_forgets_its_question(

@@ -146,7 +146,7 @@ class ControlBar:
         asks = self._releasing.asked
         off = button(
             "release",
-            ("SINKS! Click again" if _sinks(snapshot) else "DROPS! Click again") if asks else "Release",
+            ("Sinks! Press again" if _sinks(snapshot) else "Drops! Press again") if asks else "Release",
             key="drop" if asks else "ask",
             why=session.why_not(None, snapshot) or _no_board(snapshot),
             title=_SINKS_NOTE if _sinks(snapshot) else _RELEASE_NOTE,
@@ -339,7 +339,7 @@ class AskingButton:
 
 def take_html(operator: str, *, asks: bool) -> str:
     """The button by which a page that watches takes control; once pressed it asks, and is pressed again."""
-    question = f"Take it from {operator}? Click again" if asks else ""
+    question = f"Take it from {operator}? Press again" if asks else ""
     return button("take", "Take control", kind="asks" if asks else "", asks=question)
 
 
