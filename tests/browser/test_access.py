@@ -86,7 +86,7 @@ def test_axe_finds_nothing_serious_on_any_tab_in_either_theme_and_the_keyboard_a
             assert violations(page, rules, panel if number else None) == [], (theme, tab.label)
     use_theme(page, "Light")
     page.page.keyboard.press("Control+K")
-    page.wait_for_text("Decelerate and hold")
+    page.wait_for_text("Slow down, and hold")
     assert violations(page, ["color-contrast"]) == []
     page.page.keyboard.press("Escape")
     use_theme(page, "Dark")

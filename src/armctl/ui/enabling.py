@@ -105,7 +105,7 @@ class EnableControl:
         self._clear: tuple[FloatArray, str] | None = None
         """where the arm may be enabled instead, and its angles in words"""
         self._question = EnableQuestion(session)
-        command = session.command("Enable", self.enable, "Switch the outputs on")
+        command = session.command("Enable", self.enable, "Switch the motors on")
         session.needs(Need.OFF, command, also=lambda now: _unhomed(now) or _untold(now), told=False)
 
     def why_not(self, snapshot: Snapshot) -> str | None:

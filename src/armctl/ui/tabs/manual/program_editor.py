@@ -241,7 +241,7 @@ class ProgramRecord:
             groups.append(group)
         session.needs(None, *groups, also=refused_by(present_pose), told=False)
         pose = partial(self._record, next(iter(self._kinds)))
-        command = session.command("Record pose", pose, "Put the present pose on the list of Serial motion")
+        command = session.command("Record pose", pose, "Add the present pose to the program")
         session.needs(None, command, also=refused_by(present_pose), told=False)
         session.on_press("record", "Record", self._on_record_next)
         self._via = LiveHtml(gui)
