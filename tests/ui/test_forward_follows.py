@@ -107,11 +107,13 @@ class Bench:
         self.present = command.q
 
     def row(self, name: str) -> FloatArray | None:
-        """(n,) what the row for a button says [degrees, to 0.1]; None: there is no such row."""
+        """(n,) what the row for a button says [degrees, to 0.1]; None: it leads nowhere."""
         found = re.search(rf"<td>{name}</td>((?:<td[^>]*>[^<]*</td>)+)", self.page.html)
         if found is None:
             return None
         cells = re.findall(r">([^<]+)</td>", found.group(1).replace("−", "-"))
+        if "–" in cells:
+            return None
         return np.array([float(cell) for cell in cells[: ROBOT.n]])
 
     def looks_true(self) -> None:

@@ -49,8 +49,21 @@ const armctlViser = (() => {
     all.style.minHeight = `${seen.height}px`; // a short one fills the sheet
     all.scrollIntoView({ block: "start" });
   });
+  // … and so does what was asked for by a button, from that button on: what lies below may be a screen lower.
+  let looked = null;
+  function look() {
+    const marks = Array.from(document.querySelectorAll("#root [data-armctl-look]"), (mark) => mark.dataset.armctlLook);
+    const newest = marks.join(" ");
+    const anew = looked !== null && newest !== "" && looked !== newest;
+    looked = newest;
+    if (!anew || !matchMedia("(max-width: 36em)").matches) return;
+    const form = document.querySelector("#root [data-armctl-look]").closest("form");
+    for (const later of [50, 500, 1200]) setTimeout(() => form.scrollIntoView({ block: "start" }), later); // as it grows
+  }
   const tabLabel = (tab) => (tab?.title || tab?.textContent || "").trim();
 
+  // What a field means that is empty: viser's have no words for that.
+  const EMPTY = { "Duration s": "auto", "Tool speed mm/s": "auto", "For s": "auto" };
   // viser's labels name few of its fields, for those who have them read aloud.
   function nameFields() {
     for (const label of document.querySelectorAll("#root p > label[for]")) {
@@ -61,6 +74,7 @@ const armctlViser = (() => {
       inputs.forEach((input, i) => {
         const axis = inputs.length > 1 && !fields.querySelector("[role=slider]") ? ` ${"xyz"[i]}` : "";
         if (input.labels.length === 0) input.setAttribute("aria-label", name + axis);
+        if (name in EMPTY) input.placeholder = EMPTY[name];
       });
       fields.querySelector("[role=slider]")?.setAttribute("aria-label", name);
       if (fields.querySelector("button") && !inputs.length) {
@@ -127,6 +141,7 @@ const armctlViser = (() => {
     writeLimits();
     nameSections();
     nameIcons();
+    look();
   }
 
   // Fill a field of viser's as typing there would: React hears no other event.

@@ -88,7 +88,8 @@ def lines_html(events: Sequence[Event], *, hidden: int = 0) -> str:
 def _line(event: Event) -> str:
     mark, color = _MARKS[event.level]
     named = f" role='img' aria-label='{event.level}'" if mark else ""
-    when = f"<span style='opacity:.75;font-variant-numeric:tabular-nums'>{time_of_day(event.stamp)}</span>"
+    quiet = "" if mark else "color:var(--armctl-quiet);"
+    when = f"<span style='{quiet}font-variant-numeric:tabular-nums'>{time_of_day(event.stamp)}</span>"
     return (
         "<div style='display:grid;grid-template-columns:auto 1em 1fr;gap:0 6px;padding:3px 0;"
         f"border-bottom:1px solid var(--armctl-line);color:{color}'>"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from datetime import datetime
 from html import escape
 
@@ -51,6 +51,12 @@ def step_heading(nth: int, title: str, *, done: bool = False) -> str:
     """The heading of one of several steps that are done in turn; one that is done has a tick."""
     kind = " class='done'" if done else ""
     return f"<h3 class='armctl-nth'><i{kind}>{'✓' if done else nth}</i> {escape(title)}</h3>"
+
+
+def steps_html(about: str, steps: Mapping[str, str]) -> str:
+    """What something is for, and how it goes, for who sees it first: a number, a word and a line each."""
+    lines = "".join(f"<li><b>{escape(one)}</b>: {escape(text)}.</li>" for one, text in steps.items())
+    return f"<p class=armctl-about>{escape(about)}</p><ol class=armctl-ahead>{lines}</ol>"
 
 
 EMPTY_LINE = "\u00a0"
@@ -103,6 +109,13 @@ def limited(text: str, lines: int, style: str = "") -> str:
     """A text that takes no more than so many lines; what is longer scrolls, and is shown under the mouse."""
     told = escape(text)
     return f"<div style='max-height:{_LINE_EM * lines}em;overflow-y:auto;{style}' title='{told}'>{told}</div>"
+
+
+def beside(label: str, content: str) -> str:
+    """What stands where fields do, ``content``, with its label where theirs are."""
+    return (
+        f"<div class=armctl-beside><span class=armctl-label>{escape(label)}</span><div>{content}</div></div>"
+    )
 
 
 def strong(text: str) -> str:
@@ -181,7 +194,7 @@ def date_and_time(stamp: str) -> str:
     return datetime.fromisoformat(stamp).astimezone().strftime("%Y-%m-%d %H:%M")
 
 
-_STYLE = "padding:2px 9px;font-size:12.5px;line-height:1.5;overflow-x:auto;overflow-wrap:anywhere"
+_STYLE = "padding:2px 9px 6px;font-size:12.5px;line-height:1.5;overflow-x:auto;overflow-wrap:anywhere"
 _CELL = "padding:0 4px;text-align:right;font-variant-numeric:tabular-nums;white-space:nowrap"
 _HEAD = ";white-space:normal;overflow-wrap:normal;vertical-align:bottom"
 """Long heads, such as a joint's name, go over several lines, never broken within a word."""

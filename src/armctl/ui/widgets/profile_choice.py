@@ -25,7 +25,7 @@ MOVEMENTS: Laws = (
     "From one side: planned; each joint that has play and carries no weight ends turning up, so that it "
     "stands on the same side of its play each time.",
 )
-_DURATION_HINT = "Seconds. 0 or empty: as short as this profile and the limits of the joints allow."
+_DURATION_HINT = "Seconds. Empty or 0: as short as this profile and the limits of the joints allow."
 
 
 class ProfileChoice:
@@ -34,7 +34,7 @@ class ProfileChoice:
     def __init__(self, gui: viser.GuiApi, on: On, laws: Laws) -> None:
         label, self._laws, hint = laws
         self.choice = gui.add_dropdown(label, tuple(self._laws), hint=hint)
-        self.duration = NumberField(gui, "Duration s", 0.0, hint=_DURATION_HINT)
+        self.duration = NumberField(gui, "Duration s", None, hint=_DURATION_HINT)
         self._timed = True
         on(self.choice.on_update, self._show_duration)
 

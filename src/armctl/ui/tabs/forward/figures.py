@@ -313,12 +313,16 @@ def results(
     return Results(goals, notes + drawn)
 
 
+def abouts_html() -> str:
+    """Right below the two buttons: what each does."""
+    return f"<div class=armctl-abouts>{''.join(f'<span>{ABOUT[how]}</span>' for how in ABOUT)}</div>"
+
+
 def goals_html(robot: Robot, now: FloatArray, goals: Mapping[str, FloatArray]) -> str:
-    """Where the arm is drawn (n,) [rad], and where each button would send it: a table of five lines."""
-    head = "".join(_heads(robot)) + "".join(f"<th>{axis} mm</th>" for axis in "XYZ")
+    """Where the arm is drawn (n,) [rad], and where each button would send it."""
+    head = "".join(_heads(robot)) + "".join(f"<th>{axis}&nbsp;mm</th>" for axis in "XYZ")
     rows = _goal_html(robot, "now", now)
     for name, how in (("reference", REFERENCE), ("last", LAST)):
-        rows += f"<tr><td></td><td colspan={robot.n + 3} class=about>{ABOUT[how]}</td></tr>"
         rows += _goal_html(robot, name, goals.get(how))
     return f"<table class=armctl-goal><tr><td></td>{head}</tr>{rows}</table>"
 

@@ -24,13 +24,13 @@ from armctl.ui.next_pose import End, Movement, PoseWriter
 from armctl.ui.offers import NO_REASON
 from armctl.ui.session import Session
 from armctl.ui.tabs.forward.figures import (
-    ABOUT,
     LAST,
     PRESENT,
     REFERENCE,
     SHOWN,
     Results,
     VelocityForm,
+    abouts_html,
     goals_html,
     jacobian_html,
     offers_html,
@@ -78,8 +78,9 @@ class ForwardScreen:
             self._fill_with = gui.add_button_group("Fill with", ("present pose", *self._robot.poses))
             self._movement = ProfileChoice(gui, session.on, MOVEMENTS)
             with button_pairs(gui, wide=True):  # above the numbers, which move neither
-                absolute = gui.add_button(REFERENCE, hint=ABOUT[REFERENCE], color="gray")
-                relative = gui.add_button(LAST, hint=ABOUT[LAST], color="gray")
+                absolute = gui.add_button(REFERENCE, color="gray")
+                relative = gui.add_button(LAST, color="gray")
+            LiveHtml(gui, abouts_html())
             self._goals = LiveHtml(gui)
             self._offers = {
                 how: session.needs(Need.HOLDING, button, also=partial(self._outside, how), told=False)

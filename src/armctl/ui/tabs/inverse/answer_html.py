@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Sequence, Set
 from html import escape
 from typing import NamedTuple
 
@@ -217,15 +217,36 @@ def ways_html(found: RankedSolutions, row: int | None, answer: int) -> str:
         return ""
     chosen = next((i for i, way in enumerate(ways) if row is not None and row in way.rows), None)
     pictures = _thumbnails(found.robot, np.array([way.q for way in ways]))
+    of = frozenset[str]().union(*(way.least for way in ways))
     cards = "".join(
-        _card(found, way, f"{answer}.{i}", picture, chosen=i == chosen, first=i == (chosen or 0))
+        _card(
+            found,
+            way,
+            _badges(way.least, of),
+            f"{answer}.{i}",
+            picture,
+            chosen=i == chosen,
+            first=i == (chosen or 0),
+        )
         for i, (way, picture) in enumerate(zip(ways, pictures, strict=True))
     )
     name = "Ways to the target"
     return f"<div class=armctl-cards role=listbox aria-label='{name}'>{cards}</div>"
 
 
-def _card(found: RankedSolutions, way: Way, key: str, picture: str, *, chosen: bool, first: bool) -> str:
+_MOST_BADGES = 2
+
+
+def _badges(least: Sequence[str], of: Set[str]) -> str:
+    """What a way is the least ``of``: in a few words, and in all under the mouse."""
+    shown = ["best in all"] if len(least) > _MOST_BADGES and of <= set(least) else least[:_MOST_BADGES]
+    more = f" title='{escape(', '.join(least))}'" if len(least) > len(shown) else ""
+    return "".join(f"<span class=armctl-badge{more}>{one}</span>" for one in shown)
+
+
+def _card(
+    found: RankedSolutions, way: Way, badges: str, key: str, picture: str, *, chosen: bool, first: bool
+) -> str:
     """One that may be gone to with what it costs, another one with the reason."""
     if way.refused:
         body, angles = f"<em>{escape(way.refused)}</em>", ""
@@ -237,7 +258,6 @@ def _card(found: RankedSolutions, way: Way, key: str, picture: str, *, chosen: b
             unit = unit_of("least-torque", found.solutions.arm.energy).removesuffix(" of stall")
             digits = 0 if unit == "%" else 1 if cost.load >= _LARGE_LOAD else 2
             figures.append(f"{load}{fixed(cost.load, digits)} {unit}")
-        badges = "".join(f"<span class=armctl-badge>{one}</span>" for one in way.least)
         more = len(way.rows) - 1
         whole = f"<span>+{more} by whole turns</span>" * bool(way.folded and more)
         told = "".join(f"<span>{escape(figure)}</span>" for figure in figures)

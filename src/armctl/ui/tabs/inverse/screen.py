@@ -14,7 +14,7 @@ from armctl.kinematics import CRITERION_TEXT, FROM_START, checked_criterion
 from armctl.protocol import Snapshot
 from armctl.ui.events import Newest, OneAtATime
 from armctl.ui.next_line import Told
-from armctl.ui.next_pose import Movement, PoseWriter
+from armctl.ui.next_pose import End, Movement, PoseWriter
 from armctl.ui.scene.ghost import Preview
 from armctl.ui.session import Session
 from armctl.ui.tabs.inverse.answer import RankedSolutions, Way, answer, counted, solve
@@ -31,6 +31,8 @@ _CHANGED = "The fields have changed: press Solve. Go by least energy solves them
 _MOVED_SINCE = "The arm has moved since: Go by least energy solves anew first."
 _JUDGED_BEFORE = "The arm has moved since: press Solve to judge the ways anew."
 _WAYS, _LINE = "ways", "ways-line"
+WAY = "way in Inverse"
+"""whose pose it is; among what a page has done, that the arm has come to one"""
 _MARK_COLOR = (214, 51, 108)
 _MOVED = 1e-4
 _LAST = 1e9
@@ -43,7 +45,7 @@ class InverseScreen:
 
     def __init__(self, session: Session) -> None:
         self._session, self._robot = session, session.console.robot
-        self._writer = PoseWriter(session, "way in Inverse", self._how, settled=self._settled)
+        self._writer = PoseWriter(session, WAY, self._how, self._on_end, self._settled)
         self._looked_at = Preview(session.ghost, TAB, "target")
         scene = session.client.scene
         self._mark = scene.add_icosphere("/inverse_mark", 0.006, color=_MARK_COLOR, visible=False)
@@ -61,7 +63,7 @@ class InverseScreen:
         with field_grid(gui) as entered:  # Enter in a field is Solve
             self._form = TargetForm(session, OneAtATime(self._solve_dragged).run, rare)
         with button_pairs(gui):  # all buttons stand above the answer: it moves none of them
-            solve_fields = gui.add_button("Solve", icon=viser.Icon.TARGET)
+            self._solve = gui.add_button("Solve", icon=viser.Icon.TARGET)
             fill = gui.add_button("present position", color="gray")
             go_least = gui.add_button("Go by least energy", icon=viser.Icon.PLAYER_PLAY, color="gray")
             go_selected = gui.add_button("Go by the selected one", icon=viser.Icon.PLAYER_PLAY, color="gray")
@@ -72,7 +74,7 @@ class InverseScreen:
         session.parts.add(gui, _LINE)
         session.parts.show(_LINE, _line_of(""))
         self._notice = LiveHtml(gui, visible=False)
-        self._nearest = gui.add_button("Take nearest point", color="gray", visible=False)
+        self._nearest = gui.add_button("Take nearest point", visible=False)
         session.parts.add(gui, _WAYS)
         self._curve = EnergyCurveView(session, self._select)
         self._all = gui.add_folder("Solutions", expand_by_default=False, visible=False)
@@ -91,7 +93,7 @@ class InverseScreen:
             self._movement = ProfileChoice(gui, session.on, MOVEMENTS)
             self._criterion_note = LiveHtml(gui, muted(_criterion_text(own_first[0])))
         session.on(fill.on_click, self._on_fill)
-        session.on(solve_fields.on_click, self._on_solve)
+        session.on(self._solve.on_click, self._on_solve)
         session.on(entered.on_submit, self._on_solve)
         session.on_part("way", self._on_way)
         session.on_part("look-way", self._on_look)
@@ -106,6 +108,8 @@ class InverseScreen:
         if snapshot.state is not State.MOVING:  # a field that changes all the time cannot be typed into
             self._form.following.follow(self._session.next.shown(snapshot.q_command))
         self._branches.refresh()
+        fresh = self._answered and not self._out_of_date(snapshot)
+        self._solve.color = "gray" if fresh else None  # what to do is below then
         self._session.parts.show(_LINE, _line_of(self._line_html(snapshot)))
         if self._fields_changed is not self._ghost_is_old:
             self._ghost_is_old = self._fields_changed
@@ -121,6 +125,10 @@ class InverseScreen:
 
     def _how(self) -> Movement:
         return self._movement.checked()
+
+    def _on_end(self, why: End) -> None:
+        if why == "arrived":
+            self._session.obeyed.add(WAY)
 
     def _settled(self) -> None:
         self._form.watch.require_settled()

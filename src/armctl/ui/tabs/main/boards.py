@@ -147,8 +147,8 @@ def board_html(snapshot: Snapshot) -> str:
     board = snapshot.board
     if board is None:
         return "<div>Not connected.</div>"
-    kind = f"<b>{escape(board.title)}</b> on {escape(board.port)}"
-    lines = [f"<div>{kind}{_serial(board.serial_number)}</div>"]
+    title, port = escape(board.title), escape(board.port)
+    lines = [f"<div>{title}<small>on {port}{_serial(board.serial_number)}</small></div>"]
     return "".join([*lines, motors_html(snapshot.quantities), *map(_note, (*board.notes, *board.earlier))])
 
 

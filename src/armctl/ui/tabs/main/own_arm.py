@@ -28,13 +28,13 @@ from armctl.ui.scene.arm_model import HALF_OPEN, ArmFigure
 from armctl.ui.scene.stage import towards_camera
 from armctl.ui.session import Session
 from armctl.ui.tabs.main.arm_lengths import ROWS_HINT, LengthLabels, rows_of
+from armctl.ui.tabs.main.beginning import OWN_ARM
 from armctl.ui.widgets.html import LiveHtml, folded, muted, refused, sentence, warned
 from armctl.ui.widgets.number_field import NumberField, field_grid, in_row, parse_number
 
 _ROWS, _COPY = "DH rows", "A copy of the present robot"
 _BEGINNINGS = {build.title: build for build in BUILDS}
 _EXAMPLE = "0 90 80 0 base\n120 0 0 0 shoulder\n110 0 0 0 elbow\n0 90 0 90 wrist\n0 0 90 0 roll"
-_INTRO = "Describe an arm. It is drawn beside the present one. Once it is saved, the list Robot has it."
 _JOINTS_HINT = (
     "Turn each joint to both ends of its range, and press lowest or highest there. Without servo channels "
     "the arm runs on the simulated board."
@@ -117,7 +117,7 @@ class OwnArm:
         self._named = "my_arm"
         """the file name that follows from the title"""
         gui = session.gui
-        self._intro = LiveHtml(gui, muted(_INTRO))
+        self._intro = LiveHtml(gui, OWN_ARM)
         with in_row(gui):
             self._begin = gui.add_button("New arm", icon=viser.Icon.PLUS)
         self._box = gui.add_folder("New arm", visible=False)

@@ -33,18 +33,22 @@ from armctl.ui.console import PortChoice, PortWatch
 from armctl.ui.next_pose import PoseWriter
 from armctl.ui.offers import Disableable
 from armctl.ui.session import Session
+from armctl.ui.tabs.inverse.screen import WAY
 from armctl.ui.tabs.main.boards import RobotChooser, board_html, homing_html, of_own_arm, ports_html
 from armctl.ui.tabs.main.own_arm import OwnArm
 from armctl.ui.tabs.main.servos import Servos
 from armctl.ui.tabs.main.tool_choice import ToolChoice
 from armctl.ui.tabs.main.urdf_arm import UrdfArm
-from armctl.ui.widgets.html import GOOD, LiveHtml, muted, numbers
+from armctl.ui.widgets.html import LiveHtml, beside, button, muted, numbers
 from armctl.ui.widgets.number_field import in_row
 
 # Who operates the arm: names, taking control, locking it.
 
 
-_NOTE = "Everybody may press STOP. A page that does not answer for a second loses control, and the arm stops."
+_NOTES = (
+    "Lock control: no other page can take control of the arm until it is unlocked.",
+    "Everybody may press STOP. A page that does not answer for a second loses control, and the arm stops.",
+)
 
 _TYPED_S = 0.7
 """a pause after which a name counts as typed"""
@@ -58,12 +62,12 @@ class People:
         self._session = session
         gui = session.gui
         self._list = LiveHtml(gui)
-        LiveHtml(gui, muted(_NOTE))
         name = gui.add_text("Your name", initial_value=session.name)
         self._pin = gui.add_text("Teacher's PIN", initial_value="", visible=session.snapshot.control.pin)
         with in_row(gui):
             self._take = gui.add_button("Take control of the arm", icon=viser.Icon.HAND_GRAB)
             self._lock = gui.add_button("Lock control", icon=viser.Icon.LOCK, color="gray")
+        LiveHtml(gui, "".join(map(muted, _NOTES)))
         self._name = name
         self._typed = 0
         session.on(name.on_update, self._on_name)
@@ -155,11 +159,11 @@ class MainScreen:
             self._first = FirstSteps(session)
             self._robot = RobotChooser(session)
             self._port = gui.add_dropdown("Port", labels, initial_value=chosen)
-            with in_row(gui, "Board"):
+            self._board = LiveHtml(gui)
+            with in_row(gui, " "):
                 self._join = gui.add_button("Connect", icon=viser.Icon.PLUG_CONNECTED, visible=False)
                 self._line = gui.add_button_group("Board", tuple(_LINES))
             self._ports = LiveHtml(gui)
-            self._board = LiveHtml(gui)
             self._tool = ToolChoice(session)
             self._homing = gui.add_button("Homing", icon=viser.Icon.TARGET, visible=False)
             self._homed = LiveHtml(gui)
@@ -190,7 +194,7 @@ class MainScreen:
         """Named poses and points, to which the arm goes at once."""
         session, gui, robot = self._session, self._session.gui, self._session.console.robot
         with in_row(gui, "Go to pose"):
-            home = gui.add_button("Home", icon=viser.Icon.HOME, color="gray")
+            home = gui.add_button("Home", color="gray")
             poses = gui.add_button_group("Go to pose", tuple(one for one in robot.poses if one != "home"))
         command = session.command("Home", self._go_home, "Go to the home pose")
         goals: list[Disableable] = [home, poses, command]
@@ -222,7 +226,7 @@ class MainScreen:
         if self._session.sees("Main"):
             self._homed.show(homing_html(snapshot))
             self._ports.show(ports_html(self._choices.values()))
-            self._board.show(board_html(snapshot))
+            self._board.show(beside("Board", board_html(snapshot)))
 
     def _list(self, choices: Sequence[PortChoice]) -> None:
         self._choices = {choice.label: choice for choice in choices}
@@ -287,9 +291,9 @@ class MainScreen:
 
 # First steps.
 
-_HIDDEN = "hidden"
+_FIRST, _HIDDEN = "first-steps", "hidden"
 _FIRST_STEPS = {"enable", "slider", "point", "program"}
-_POINT_BUTTONS = {"Go by least energy", "Go by the selected one"}
+_TO_A_POINT = {"Go by least energy", "Go by the selected one", WAY}
 
 
 class FirstSteps:
@@ -298,17 +302,12 @@ class FirstSteps:
     def __init__(self, session: Session) -> None:
         self._session = session
         self._done: set[str] = set()
-        gui = session.gui
-        self._box = gui.add_folder("First steps", visible=False)
-        with self._box:
-            self._steps = LiveHtml(gui)
-            with in_row(gui):
-                hide = gui.add_button("Hide first steps", color="gray")
+        session.parts.add(session.gui, _FIRST)
         self._known = False
         """whether it is known what was done here before"""
         self._told: frozenset[str] | None = None
         """what the text depends on, as it is shown"""
-        session.on(hide.on_click, self._on_hide)
+        session.on_part("hide-first-steps", lambda _: self._note(_HIDDEN))
         session.spawn(self._begin())
 
     def refresh(self, snapshot: Snapshot) -> None:
@@ -318,14 +317,14 @@ class FirstSteps:
             self._note("enable")
         if "Go" in pressed:
             self._note("slider")
-        if pressed & _POINT_BUTTONS:
+        if pressed & _TO_A_POINT:
             self._note("point")
         if snapshot.program is not None and self._session.operates:
             self._note("program")
         if (told := frozenset(self._done)) != self._told:
             self._told = told
-            self._steps.show(self._html())
-            self._box.visible = self._known and _HIDDEN not in self._done and not self._done >= _FIRST_STEPS
+            shown = self._known and _HIDDEN not in self._done and not self._done >= _FIRST_STEPS
+            self._session.parts.show(_FIRST, self._html() if shown else "")
 
     async def _begin(self) -> None:
         kept = await self._session.recall("first-steps")
@@ -338,21 +337,21 @@ class FirstSteps:
             if self._known:
                 self._session.remember("first-steps", " ".join(sorted(self._done)))
 
-    def _on_hide(self) -> None:
-        self._note(_HIDDEN)
-
     def _html(self) -> str:
         point = numbers((1000 * example_point(self._session.console.robot)).round().tolist(), 0)
         steps = {
             "enable": "Press <b>Enable</b> at the top.",
             "slider": "<b>Manual</b>: move a slider, and press <b>Go</b>.",
-            "point": f"<b>Inverse</b>: type a point, such as {point} mm, then <b>Go by least energy</b>.",
+            "point": f"<b>Inverse</b>: type {point}, press <b>Solve</b>, then <b>Go</b>.",
             "program": "<b>Load a sample</b> in the empty program, and press <b>Run once</b>.",
         }
-        return "".join(
-            f"<div style='color:{GOOD if step in self._done else 'inherit'}'>"
-            f"<b>{'✓' if step in self._done else number}</b> {text}</div>"
-            for number, (step, text) in enumerate(steps.items(), 1)
+        hide = button("hide-first-steps", "", title="Hide first steps", kind="bare", icon="cross")
+        lines = "".join(
+            f"<li{' class=done' * (step in self._done)}>{text}{' ✓' * (step in self._done)}</li>"
+            for step, text in steps.items()
+        )
+        return (
+            f"<section class=armctl-first><header><b>First steps</b>{hide}</header><ol>{lines}</ol></section>"
         )
 
 

@@ -39,15 +39,12 @@ from armctl.ui.enabling import show_typed
 from armctl.ui.events import GivenUpError
 from armctl.ui.robot_switch import RobotChoice
 from armctl.ui.session import Session
+from armctl.ui.tabs.main.beginning import URDF_ARM
 from armctl.ui.widgets.angle_fields import angle_fields
 from armctl.ui.widgets.html import LiveHtml, muted
 from armctl.ui.widgets.number_field import NumberField, in_row
 
 _TAKEN = ",".join((".zip", *ARM_SUFFIXES, *MESH_FILES))
-_NOTE = (
-    "A .zip file with the URDF file and its meshes, or the URDF file first and then each mesh. It is kept on "
-    "the computer that armctl runs on."
-)
 _QUESTIONS = {
     "arm": ("Which arm?", "The file holds several arms. Upload it again for another one."),
     "link": ("Which link is the tool?", "The arm ends there. Joints that lead to other links are left out."),
@@ -95,7 +92,7 @@ class UrdfArm:
         self._session, self._robot = session, session.console.robot
         self._present: _Present | None = None
         gui, is_urdf = session.gui, urdf_path(session.robots.present.name) is not None
-        LiveHtml(gui, muted(_NOTE))
+        LiveHtml(gui, URDF_ARM)
         with in_row(gui):
             self._upload = gui.add_upload_button("Upload an arm", icon=viser.Icon.UPLOAD, mime_type=_TAKEN)
             self._begin = gui.add_button(

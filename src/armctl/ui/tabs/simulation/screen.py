@@ -46,12 +46,12 @@ class SimulationScreen:
             self._with_body = gui.add_checkbox("Body", initial_value=False, hint=_BODY_HINT)
             self._body = BodyView(session.client.scene, session.spawn)
             self._marks = Marks(session.client.scene, session.console.robot)
+            self._workspace = WorkspaceView(session)
             self._with_trail = gui.add_checkbox("Tool trail", initial_value=True)
+            clear = gui.add_button_group("Trail so far", ("Clear trail",))
             self._trail = session.console.shared(Trail)
             self._cleared = self._drawn = 0
             self._line = Lines(session.client.scene, "/trail", _TRAIL_COLOR, 2.5)
-            self._workspace = WorkspaceView(session)
-            clear = gui.add_button_group("Trail so far", ("Clear trail",))
         with gui.add_folder("Drag a target"):
             self._live = LiveTarget(session)
         with gui.add_folder("Twin"):

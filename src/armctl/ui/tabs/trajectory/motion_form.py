@@ -85,7 +85,7 @@ _TURN_HINT = (
     "Evenly to another: it turns to the one typed below. Free: what needs the least motion."
 )
 _RPY_HINT = "Roll, pitch and yaw of the tool at the end [°]: Rz(yaw)·Ry(pitch)·Rx(roll)."
-_TOOL_SPEED_HINT = "Largest speed of the tool. 0 or empty: as fast as the joints can."
+_TOOL_SPEED_HINT = "Largest speed of the tool. Empty or 0: as fast as the joints can."
 _TURNING: dict[str, Turning] = {"each joint alone": "in turn", "all joints at once": "all at once"}
 _TURNING_HINT = (
     "Alone: each joint turns from the start pose while the others stand still. "
@@ -93,7 +93,7 @@ _TURNING_HINT = (
 )
 _SLOWEST_DEG_S, _FASTEST_DEG_S = 1.0, 360.0
 _JOINT_SPEED_HINT = f"Of every joint, {_SLOWEST_DEG_S:g} … {_FASTEST_DEG_S:g} °/s. The paper takes 20."
-_FOR_HINT = "Seconds. 0 or empty: until every joint has come to its limit."
+_FOR_HINT = "Seconds. Empty or 0: until every joint has come to its limit."
 
 
 class MotionForm:
@@ -117,7 +117,7 @@ class MotionForm:
         self._end_pitch = NumberField(gui, "End pitch °", 0.0)
         rpy = roll_pitch_yaw(robot.forward(robot.pose(first_pose))[:3, :3])
         self._end_rpy = NumbersField(gui, "End Rx Ry Rz °", ("Rx", "Ry", "Rz"), rpy, DEGREES, _RPY_HINT)
-        self._tool_speed = NumberField(gui, "Tool speed mm/s", 0.0, hint=_TOOL_SPEED_HINT)
+        self._tool_speed = NumberField(gui, "Tool speed mm/s", None, hint=_TOOL_SPEED_HINT)
         self._passing = gui.add_dropdown("Points", tuple(_PASSING))
         self._blend = NumberField(gui, "Blend radius mm", _BLEND_MM)
         self._choose = gui.add_dropdown("Choose by", robot.energy.criteria, hint=_CHOOSE_HINT)
@@ -125,7 +125,7 @@ class MotionForm:
         self._turning = gui.add_dropdown("Turn", tuple(_TURNING), hint=_TURNING_HINT)
         self._start = gui.add_dropdown("Start at", (*robot.poses, PRESENT), initial_value=first_pose)
         self._joint_speed = NumberField(gui, "Joint speed °/s", PAPER_DEG_S, hint=_JOINT_SPEED_HINT)
-        self._for = NumberField(gui, "For s", 0.0, hint=_FOR_HINT)
+        self._for = NumberField(gui, "For s", None, hint=_FOR_HINT)
         typed = (
             *self._from.fields.values(), *self._to.fields.values(), self._via, self._end, self._end_pitch,
             self._end_rpy, self._tool_speed, self._blend, self._profile.duration, self._joint_speed,

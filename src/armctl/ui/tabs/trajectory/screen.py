@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from functools import partial
+from itertools import count
 
 import numpy as np
 import viser
@@ -51,6 +52,7 @@ from armctl.ui.widgets.html import (
 from armctl.ui.widgets.number_field import button_pairs
 
 _MOVED = 1e-6
+_LOOKS = count(1)
 
 
 class TrajectoryScreen:
@@ -71,6 +73,8 @@ class TrajectoryScreen:
         with gui.add_form(None) as entered:  # Enter in a field is Show
             self._form = MotionForm(session)
         with button_pairs(gui):
+            self._asked = LiveHtml(gui)
+            """tells the page that there is something to look at below"""
             self._show = gui.add_button("Show", icon=viser.Icon.CHART_LINE)
             self._run = gui.add_button("Run", icon=viser.Icon.PLAYER_PLAY)
             self._offer = session.needs(Need.HOLDING, self._run, also=self._not_run, told=False)
@@ -163,6 +167,7 @@ class TrajectoryScreen:
         """Plan off the event loop; of several presses the last one counts."""
         self._form.watch.require_settled()
         settings, is_newest = self._form.settings, self._newest.begin()
+        self._asked.show(f"<i hidden data-armctl-look={next(_LOOKS)}></i>")
         if self._form.is_study:
             shown = await self._session.work_out(self._form.study())
             if is_newest():
