@@ -290,9 +290,10 @@ class StepEdit:
             )
             box = f"<select id={place} {does}>{options}</select>"
         else:
+            hollow = " placeholder=auto" * (label == _DURATION)
             box = (
                 f"<input id={place} {does} data-enter=step-done value='{escape(text)}' autocomplete=off "
-                f"spellcheck=false maxlength={MOST_TYPED}>"
+                f"spellcheck=false maxlength={MOST_TYPED}{hollow}>"
             )
         half = _chooses(key) or label == "Note"
         wide = " class=half" * half or " class=wide" * (key.form in ("numbers", "text") or len(text) > _WIDE)
@@ -353,4 +354,6 @@ def _part_text(value: float) -> str:
 
 _AXES = "XYZ"
 _WIDE = 12
+_DURATION = "Duration s"
+"""empty: as short as it can be"""
 """characters that a narrow field shows"""
