@@ -254,7 +254,8 @@ class OtherScreen:
         raise AssertionError(f"the button {label!r} moves away from each click")
 
     def is_enabled(self, label: str) -> bool:
-        return self._browser.run(f"{_FIND} return found()?.disabled === false", "button", label)
+        may = "const it = found(); return it?.disabled === false && it.ariaDisabled !== 'true'"
+        return self._browser.run(f"{_FIND} {may}", "button", label)
 
     def open_tab(self, *labels: str) -> None:
         for label in labels:
