@@ -98,9 +98,10 @@ def solved(person: Person) -> None:
     enable(person)
     person.open_tab("Inverse")
     for axis, value in zip("XYZ", POINT["ur5"], strict=True):
-        person.fill(f"{axis} mm", value)
-    person.press("Solve")
-    person.screen.page.locator(".armctl-card").nth(1).wait_for()
+        person.fill(f"{axis} mm", value)  # at whose end Enter solves
+        person.screen.wait_for_text(
+            f"{axis} {value.replace('-', '−')}.0"
+        )  # cards of what was solved before go
 
 
 def another_way(person: Person) -> None:

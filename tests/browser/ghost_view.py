@@ -40,7 +40,8 @@ def arrow_px(screen: Screen, name: str, up_m: float) -> tuple[float, float]:
 def drag_tool(screen: Screen, dx: float, dy: float) -> None:
     """Drag the upward arrow at the tool by so many pixels."""
     screen.page.evaluate("document.querySelector('#webgl-software-rendering button')?.click()")
-    screen.wait_until(lambda: screen.node("/tool") is not None, "the arrows at the tool are drawn")
+    # those that have just come stand at the origin until a frame is drawn
+    screen.wait_until(lambda: any(screen.node("/tool") or ()), "the arrows at the tool are drawn")
     x, y = arrow_px(screen, "/tool", ARROW_M)
     mouse = screen.page.mouse
     mouse.move(x, y)
