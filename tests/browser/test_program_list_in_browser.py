@@ -279,6 +279,10 @@ def test_a_block_is_added_filled_and_moved_by_keyboard_alone(page: Screen, serve
     menu.focus()
     keyboard.press("Enter")
     expect(menu).to_have_attribute("aria-expanded", "true")
+    keyboard.press("Escape")
+    expect(menu).to_have_attribute("aria-expanded", "false")
+    keyboard.press("Enter")
+    expect(menu).to_have_attribute("aria-expanded", "true")
     page.screenshot("program-menu")
     kinds = page.page.get_by_role("group", name="Decide and repeat", exact=True)
     for _ in range(30):

@@ -309,7 +309,8 @@ def _state(one: NotNow) -> str:
     if moves and one.need is Need.GRIPPER:
         return f"{one.state.value}{told}; the gripper is not free: wait, or stop first"
     if moves and one.need is not Need.OFF:
-        return f"{one.state.value}{told}; stop first"
+        resumes = "resume, or " * (one.state is State.PAUSED)
+        return f"{one.state.value}{told}; {resumes}stop first"
     if one.state is State.FAULT:
         return f"in fault{told}; {'clear the fault first' if one.connected else 'connect again'}"
     nothing = "there is nothing to pause" if one.need is Need.PAUSE else "the arm is enabled already"

@@ -260,11 +260,13 @@
     clearTimeout(saidWhy);
     saidWhy = setTimeout(() => (place.textContent = ""), WHY_MS);
   }
-  // What is open for a moment is left by a press anywhere else.
-  addEventListener("pointerdown", ({ target }) => {
+  // What is open for a moment is left by a press anywhere else, and by Escape, which is STOP as well.
+  const leave = ({ target, key }) => {
     const open = document.querySelector("armctl-part [data-leave]");
-    if (open && !open.contains(target)) tell({ do: open.dataset.leave });
-  }, true);
+    if (open && (key === "Escape" || (!key && !open.contains(target)))) tell({ do: open.dataset.leave });
+  };
+  addEventListener("pointerdown", leave, true);
+  addEventListener("keydown", leave, true);
   // A key that is held down presses no button again.
   addEventListener("keydown", (event) => {
     if (event.repeat && (event.key === "Enter" || event.key === " ") && near(event, "armctl-part button[data-do]")) event.preventDefault();

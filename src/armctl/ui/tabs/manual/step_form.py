@@ -354,6 +354,6 @@ def _part_text(value: float) -> str:
 
 _AXES = "XYZ"
 _WIDE = 12
+"""characters that a narrow field shows"""
 _DURATION = "Duration s"
 """empty: as short as it can be"""
-"""characters that a narrow field shows"""
