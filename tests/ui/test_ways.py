@@ -20,7 +20,7 @@ from armctl.protocol import MoveJoints
 from armctl.robot import Robot, load_robot
 from armctl.ui.guard import GuardedServer
 from armctl.ui.tabs.inverse.answer import RankedSolutions, solve
-from armctl.ui.tabs.inverse.answer_html import count_html, ways_html
+from armctl.ui.tabs.inverse.answer_html import _badges, count_html, ways_html
 from armctl.ui.tabs.inverse.screen import InverseScreen
 from armctl.ui.tabs.inverse.target_form import ANY
 
@@ -246,3 +246,13 @@ def test_an_arm_begins_with_the_criterion_of_its_paper_else_with_the_least_trave
     page = FakePage(server, arm, arm.pose("home"))
     InverseScreen(page.session)
     assert page.reads("Least energy is") == first
+
+
+def test_a_way_has_two_badges_at_most_and_says_the_rest_under_the_mouse() -> None:
+    least = ("fastest", "least travel", "least load")
+    assert _badges(least, frozenset(least)).count("armctl-badge") == 1
+    assert ">best in all<" in _badges(least, frozenset(least))
+    some = _badges(least, frozenset((*least, "least rotation")))
+    assert some.count("armctl-badge") == 2 and ">least load<" not in some
+    assert some.count("title='fastest, least travel, least load'") == 2
+    assert _badges((), frozenset(least)) == ""
