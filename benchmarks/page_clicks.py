@@ -21,6 +21,8 @@ from playwright.sync_api import Browser, Locator, sync_playwright
 from tests.browser.ghost_view import drag_tool
 from tests.browser.kit import Screen, launch
 
+from armctl.ui.widgets.html import fixed
+
 POINT = {"uzuner": ("220", "-60", "100"), "ur5": ("-400", "-150", "350")}
 """where the tool is sent [mm]"""
 RISES_PX = -25, -30, -25, -30
@@ -99,9 +101,8 @@ def solved(person: Person) -> None:
     person.open_tab("Inverse")
     for axis, value in zip("XYZ", POINT["ur5"], strict=True):
         person.fill(f"{axis} mm", value)  # at whose end Enter solves
-        person.screen.wait_for_text(
-            f"{axis} {value.replace('-', '−')}.0"
-        )  # cards of what was solved before go
+        # until then there are cards of what was solved before
+        person.screen.wait_for_text(f"{axis} {fixed(float(value), 1)}")
 
 
 def another_way(person: Person) -> None:

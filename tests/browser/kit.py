@@ -201,13 +201,17 @@ class Screen:
     def unfold(self, folder: str, button: str) -> None:
         """Open a folder, and wait until its ``button`` has come to rest."""
         self.press(self.page.get_by_text(folder, exact=True))
+        self.wait_until_at_rest(self.button(button))
+
+    def wait_until_at_rest(self, target: Locator) -> None:
+        """What unfolds moves what lies below it for a while."""
         lies_at: list[object] = []
 
         def rests() -> bool:
-            lies_at.append(self.button(button).bounding_box())
+            lies_at.append(target.bounding_box())
             return len(lies_at) > 5 and all(box == lies_at[-1] for box in lies_at[-5:])
 
-        self.wait_until(rests, "the folder has unfolded")
+        self.wait_until(rests, f"{target} is at rest")
 
     def type_into(
         self,

@@ -170,6 +170,7 @@ def test_on_a_phone_a_tab_below_the_open_program_comes_into_view(phone: Screen) 
     phone.page.get_by_role("button", name="Serial motion").first.tap()
     expect(phone.button("Add step ▾")).to_be_visible(timeout=PATIENCE_MS)
     tab = phone.page.get_by_role("tab", name="Inverse", exact=True)
+    phone.wait_until_at_rest(tab)
     # Playwright's own tap scrolls by itself.
     tab.evaluate("tab => { tab.scrollIntoView({ block: 'end' }); tab.click() }")
     sheet = tab.evaluate("tab => tab.closest('.mantine-ScrollArea-viewport').getBoundingClientRect().top")

@@ -203,3 +203,16 @@ def test_what_a_page_does_beside_its_callbacks_is_logged_when_it_fails(
 def test_a_page_says_how_large_its_window_is(text: str, window: tuple[int, int] | None) -> None:
     assert pages.window_of(text) == window
     assert pages.window_of("9" * 5000 + " 9") is None
+
+
+def test_what_was_unfolded_stays_so_where_the_page_says_its_size_late(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with served_arm(tmp_path) as served, RawPage(served.app.server.get_port()) as raw:
+        raw.operate()
+        (page,) = served.app._pages.values()
+        anew: list[int] = []
+        monkeypatch.setattr(page, "_lay_out", lambda: anew.append(page._window[0]))
+        for window in ((390, 844), (390, 800), (414, 800), (1280, 800), (1290, 700)):
+            page._take(window)
+        assert anew == [390, 1280]

@@ -131,9 +131,8 @@ class Page:
         window = window_of(await self.session.recall("window") or "")
         if window is None or window == self._window:
             return
-        self._window = window
+        self._take(window)
         self.session.on_phone = self._window[0] < _PHONE_PX
-        self._lay_out()
         self._look()
 
     def _on_window(self, _: str, text: str) -> None:
@@ -141,11 +140,13 @@ class Page:
         window = window_of(text)
         if window is None:
             return
-        before, now = panel_widths(self._window[0]), panel_widths(window[0])
-        if all(before) and all(now):
-            self._window = window
-            if now != before:
-                self._lay_out()
+        if all(panel_widths(self._window[0])) and all(panel_widths(window[0])):
+            self._take(window)
+
+    def _take(self, window: tuple[int, int]) -> None:
+        before, self._window = self._window, window
+        if panel_widths(before[0]) != panel_widths(window[0]):  # else it would fold what has just been opened
+            self._lay_out()
 
     def _lay_out(self) -> None:
         """The program at the left, the tabs at the right; where there is no room, the program is folded."""

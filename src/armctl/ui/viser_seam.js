@@ -52,12 +52,12 @@ const armctlViser = (() => {
   // … and so does what was asked for by a button, from that button on: what lies below may be a screen lower.
   let looked = null;
   function look() {
-    const marks = Array.from(document.querySelectorAll("#root [data-armctl-look]"), (mark) => mark.dataset.armctlLook);
-    const newest = marks.join(" ");
+    const mark = document.querySelector("#root [data-armctl-look]");
+    const newest = mark?.dataset.armctlLook ?? "";
     const anew = looked !== null && newest !== "" && looked !== newest;
     looked = newest;
     if (!anew || !matchMedia("(max-width: 36em)").matches) return;
-    const form = document.querySelector("#root [data-armctl-look]").closest("form");
+    const form = mark.closest("form");
     for (const later of [50, 500, 1200]) setTimeout(() => form.scrollIntoView({ block: "start" }), later); // as it grows
   }
   const tabLabel = (tab) => (tab?.title || tab?.textContent || "").trim();
@@ -135,13 +135,21 @@ const armctlViser = (() => {
     }
   }
 
-  // Everything that has no name yet.
+  // Everything that has no name yet. What has just come has it before it is drawn, as names say how it is laid out.
   function name() {
-    nameFields();
+    nameNew();
     writeLimits();
-    nameSections();
     nameIcons();
     look();
+  }
+  function nameNew() {
+    nameFields();
+    nameSections();
+  }
+  function nameAtOnce() {
+    const named = (node) => node instanceof Element && node.querySelector("p > label[for]");
+    const came = new MutationObserver((changes) => changes.some(({ addedNodes }) => Array.from(addedNodes).some(named)) && nameNew());
+    came.observe(document.getElementById("root"), { childList: true, subtree: true });
   }
 
   // Fill a field of viser's as typing there would: React hears no other event.
@@ -417,7 +425,7 @@ const armctlViser = (() => {
   }
 
   return {
-    answer, nameLine, openTabs, tabsInView, openAgain, keepTabs, typedFields, typeAgain, name, furnishNotifications,
-    letGoOfLists, drawNothing, darkenLabels, onSceneEdges, onScenePress, scene,
+    answer, nameLine, openTabs, tabsInView, openAgain, keepTabs, typedFields, typeAgain, name, nameAtOnce,
+    furnishNotifications, letGoOfLists, drawNothing, darkenLabels, onSceneEdges, onScenePress, scene,
   };
 })();

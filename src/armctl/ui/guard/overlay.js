@@ -264,6 +264,7 @@
     const set = (name, pixels) => document.documentElement.style.setProperty(name, `${pixels}px`);
     new ResizeObserver(() => set("--armctl-under", under.offsetHeight)).observe(under);
     new ResizeObserver(() => set("--armctl-told", told.offsetHeight)).observe(told); // messages lie above it
+    viser("nameAtOnce");
     viser("onSceneEdges", (left, right) => {
       set("--armctl-left", left);
       set("--armctl-right", right);

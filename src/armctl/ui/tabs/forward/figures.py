@@ -315,7 +315,7 @@ def results(
 
 def abouts_html() -> str:
     """Right below the two buttons: what each does."""
-    return f"<div class=armctl-abouts>{''.join(f'<span>{ABOUT[how]}</span>' for how in ABOUT)}</div>"
+    return f"<div class=armctl-abouts>{''.join(f'<span>{text}</span>' for text in ABOUT.values())}</div>"
 
 
 def goals_html(robot: Robot, now: FloatArray, goals: Mapping[str, FloatArray]) -> str:

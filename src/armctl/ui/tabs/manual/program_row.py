@@ -81,8 +81,9 @@ def row_html(
     """
     said = with_minus(of or step.describe())
     words = escape(_PLACE.sub(r"\1", said))
-    said_there = not step.note or state.fields  # one of the fields holds it
-    note = "" if said_there else f"<small role=gridcell class=note>{escape(step.note)}</small>"
+    note = ""
+    if step.note and not state.fields:  # one of them holds it
+        note = f"<small role=gridcell class=note>{escape(step.note)}</small>"
     note += f"<small role=gridcell class=note>▸ {escape(state.inside)}</small>" if state.inside else ""
     mark, title = "", escape(" · ".join(text for text in (said, step.note) if text))
     style = f"--in:{min(depth, _DEEPEST_SHOWN)};" if depth else ""
