@@ -13,7 +13,7 @@ from tests.browser.served_arm import ServedArm
 
 from armctl.calibration import TouchFit
 from armctl.facts import State
-from armctl.protocol import MoveJoints
+from armctl.protocol import MoveGripper, MoveJoints
 from armctl.robot import OutputMap, load_robot
 from armctl.ui.tabs.calibration.shared_calibration import SharedCalibration
 
@@ -153,6 +153,10 @@ def test_marks_are_not_changed_by_a_page_that_watches_and_touched_points_name_th
     expect(page.button("Add mark")).to_be_disabled()
     page.open_tab("Gripper")
     page.click("Move gripper")
+    page.wait_for_text("1500.0 µs")
+    served.order(MoveGripper(0.2))  # in Manual, or by a program: pressed again, nothing jumps back
+    page.wait_until(lambda: page.number("Gripper %") == 20, "the slider shows where the gripper is")
+    served.order(MoveGripper(0.5))
     page.wait_for_text("1500.0 µs")
     page.click("Closed here")
     page.wait_until(lambda: work.jaw("closed") == 1500, "the gripper is closed here")

@@ -55,12 +55,14 @@ def test_control_is_asked_for_told_logged_and_locked_and_the_lock_opens_for_the_
         page.open_tab("Arm")
     second.wait_for_text("This page is watching, Ada operates; press 'Take control' first.")
     expect(second.button("Home")).to_be_disabled()
+    second.wait_for_text("Press Take control at the top.")
     second.click("Take control")
     second.wait_for_text("Take it from Ada? Press again")
     assert operator(served) == "Ada"
     second.click("Take control")
     first.wait_for_text("This page watches now: Bob operates the arm.")
     second.wait_for_text("This page now operates the arm.")
+    second.wait_for_text("Press Enable at the top.")
     assert operator(served) == "Bob"
     assert logged(served, "Bob has taken control of the arm; Ada watches now")
     first.wait_for_text("Operator: Bob")

@@ -40,7 +40,7 @@ from armctl.robot import load_robot
 from armctl.ui.guard import GuardedServer
 from armctl.ui.tabs.manual.program_ahead import ProgramAhead
 from armctl.ui.tabs.manual.program_editor import ProgramEditor
-from armctl.ui.tabs.manual.program_list import PART, ProgramList, row_html
+from armctl.ui.tabs.manual.program_list import PART, ProgramList, row_html, short_words
 from armctl.ui.tabs.manual.shared_program import SharedProgram
 from armctl.ui.tabs.manual.step_form import texts_of
 
@@ -438,6 +438,33 @@ def test_the_running_step_is_marked_and_in_view_and_how_much_of_it_is_over(page:
     page.snapshot.program = None
     page.draw()
     assert page.marked("aria-current") == []
+
+
+def test_what_runs_folds_the_step_that_is_edited_unless_that_would_lose_what_is_typed(page: ListPage) -> None:
+    page.put(*waits(1, 2))
+    page.do("step-edit", 0)
+    running(page, 0)
+    assert page.marked("data-set") == []
+    page.do("step-edit", 1)  # for the next pass
+    running(page, 1)
+    assert page.marked("data-set") == [1]
+    page.snapshot.program = None
+    page.draw()
+    page.do("step-set", f"{page.shared.keys[1]}.0", "soon")
+    running(page, 0)
+    assert page.marked("data-set") == [1] and "value='soon'" in page.rows[1]
+
+
+@pytest.mark.parametrize(
+    ("step", "words"),
+    [
+        (WaitStep(seconds=0.3), "Wait 0.3 s"),
+        (PointStep(x_mm=156.9, y_mm=-83.6, z_mm=263.7), "Point"),
+        (PointStep(x_mm=1, y_mm=-2, z_mm=3), "Point 1, −2, 3 mm"),
+    ],
+)
+def test_the_line_says_what_runs_as_far_as_it_has_room(step: Step, words: str) -> None:
+    assert short_words(step) == words
 
 
 def test_another_version_that_runs_marks_no_row(page: ListPage) -> None:

@@ -475,7 +475,7 @@ def test_a_point_whose_comparison_is_cancelled_is_not_added(
     points, outputs = TouchedPoints(ROBOT), own_map(ROBOT).outputs(ROBOT.pose("home"))
     for x in range(LEAST_POINTS):
         points.add(TouchedPoint(outputs, (0.1 * x, 0.0, 0.0)))
-    before, begun = points.touches, threading.Event()
+    before, begun, changed = points.touches, threading.Event(), threading.Event()
     compare = touch_question.fit_touches
 
     def slowly(*given: Any, **how: Any) -> TouchFit:
@@ -488,10 +488,11 @@ def test_a_point_whose_comparison_is_cancelled_is_not_added(
     page: Any = SimpleNamespace(_session=session, _points=points, _given=lambda: (0.0, 0.0, 0.0))
 
     async def cancel() -> None:
-        cancelling = asyncio.create_task(press_and_cancel(session, button, begun))
+        cancelling = asyncio.create_task(press_and_cancel(session, button, changed))
         await asyncio.to_thread(begun.wait, 10)
         if changed_since:  # on another page
             points.delete(0)
+        changed.set()
         await cancelling
         await asyncio.gather(*session._tasks)
         for _ in range(6000):  # one of them has begun another

@@ -322,6 +322,7 @@ CONTRACT = {
         "--mantine-primary-color-filled",
         "data-mantine-color-scheme",
         "`Button`",
+        "`ActionIcon`",
         "`Spotlight`",
         "actionDescription",
         "--scrollarea-scrollbar-size",

@@ -224,7 +224,7 @@ class LiveHtml:
 
 
 def _block(content: str) -> str:
-    return f"<div style='{_STYLE}'>{content}</div>"
+    return f"<div style='{_STYLE}'>{content}</div>" if content else ""  # no gap where nothing is said
 
 
 def table(

@@ -31,7 +31,7 @@ from armctl.ui.tabs.calibration.shared_calibration import (
     standing_outputs,
 )
 from armctl.ui.tabs.manual.jog import HeldJog, joint_jog
-from armctl.ui.tabs.manual.joints import JointStepper, checked_percent, slow_duration, slow_speeds
+from armctl.ui.tabs.manual.joints import GripperSlider, JointStepper, slow_duration, slow_speeds
 from armctl.ui.widgets.html import LiveHtml, fixed, muted, refused, sentence, table
 from armctl.ui.widgets.number_field import EditWatch, NumberField, button_pairs, in_row
 
@@ -94,8 +94,8 @@ class CalibrationJoint:
         self._fit = LiveHtml(gui)
         self._which = gui.add_dropdown("Mark", numbered(0))
         self._delete = gui.add_button("Delete mark", color="gray")
-        self._limits = LiveHtml(gui)
         self._ends = gui.add_button_group("Safe limits", tuple(_ENDS), hint=_LIMIT_HINT)
+        self._limits = LiveHtml(gui)
         with in_row(gui):
             default = gui.add_button("Limits of the robot file", color="gray")
         self._watch = EditWatch([self._angle])
@@ -255,7 +255,7 @@ class CalibrationGripper:
         self._session, self._work = session, session.console.shared(SharedCalibration).work
         gui = session.gui
         LiveHtml(gui, muted(_HOW))
-        self._percent = gui.add_slider("Gripper %", min=0, max=100, step=1, initial_value=50)
+        self._slider = GripperSlider(session)
         with in_row(gui):
             move = gui.add_button("Move gripper")
         session.needs(Need.GRIPPER, move, hint="0 % is closed, 100 % open, by the calibration in force.")
@@ -272,6 +272,7 @@ class CalibrationGripper:
     def refresh(self, snapshot: Snapshot) -> None:
         """Show where the gripper is, and what was set."""
         work = self._work
+        self._slider.follow(snapshot)
         self._now.show(self._now_html(snapshot))
         set_here = "set here, not saved yet" if work.jaws else "as in force"
         self._jaws.show(
@@ -287,7 +288,7 @@ class CalibrationGripper:
         return f"<div>Stands at <b>{fixed(output, 1)} {self._work.map.unit}</b></div>"
 
     async def _on_move(self) -> None:
-        await self._session.submit(MoveGripper(checked_percent(self._percent.value, "gripper") / 100))
+        await self._session.submit(MoveGripper(self._slider.opening))
 
     def _set_jaw(self, jaw: Jaw) -> None:
         self._work.set_jaw(jaw, standing_gripper(self._session.console.robot, self._session.snapshot))

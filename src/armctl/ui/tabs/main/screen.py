@@ -305,7 +305,7 @@ class FirstSteps:
         session.parts.add(session.gui, _FIRST)
         self._known = False
         """whether it is known what was done here before"""
-        self._told: frozenset[str] | None = None
+        self._told: tuple[frozenset[str], bool] | None = None
         """what the text depends on, as it is shown"""
         session.on_part("hide-first-steps", lambda _: self._note(_HIDDEN))
         session.spawn(self._begin())
@@ -321,7 +321,7 @@ class FirstSteps:
             self._note("point")
         if snapshot.program is not None and self._session.operates:
             self._note("program")
-        if (told := frozenset(self._done)) != self._told:
+        if (told := (frozenset(self._done), self._session.operates)) != self._told:
             self._told = told
             shown = self._known and _HIDDEN not in self._done and not self._done >= _FIRST_STEPS
             self._session.parts.show(_FIRST, self._html() if shown else "")
@@ -340,7 +340,7 @@ class FirstSteps:
     def _html(self) -> str:
         point = numbers((1000 * example_point(self._session.console.robot)).round().tolist(), 0)
         steps = {
-            "enable": "Press <b>Enable</b> at the top.",
+            "enable": f"Press <b>{'Enable' if self._session.operates else 'Take control'}</b> at the top.",
             "slider": "<b>Manual</b>: move a slider, and press <b>Go</b>.",
             "point": f"<b>Inverse</b>: type {point}, press <b>Solve</b>, then <b>Go</b>.",
             "program": "<b>Load a sample</b> in the empty program, and press <b>Run once</b>.",

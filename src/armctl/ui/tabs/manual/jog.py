@@ -19,7 +19,7 @@ from armctl.protocol.snapshot import tool_turns
 from armctl.robot import CarriedPart, Robot
 from armctl.ui.offers import Offer
 from armctl.ui.session import Session
-from armctl.ui.tabs.manual.joints import checked_percent
+from armctl.ui.tabs.manual.joints import GripperSlider
 from armctl.ui.tabs.manual.shared_program import SharedProgram
 from armctl.ui.tabs.manual.sticks import StickJog
 from armctl.ui.widgets.angle_fields import held_at
@@ -140,11 +140,6 @@ def _part_text(edges_mm: Sequence[float] | None) -> str:
     return _EMPTY if edges_mm is None else " × ".join(map(format_number, edges_mm))
 
 
-def _percent_of(snapshot: Snapshot, unknown: int) -> int:
-    """Where the gripper was sent last [%], or ``unknown``."""
-    return unknown if snapshot.gripper is None else round(100 * snapshot.gripper)
-
-
 class JogControl:
     """The arm moves while a jog button or key is held, and stops when it is let go or the page is lost."""
 
@@ -164,9 +159,7 @@ class JogControl:
         self._opening: Offer | None = None
         if (gripper := session.console.robot.gripper) is not None:
             with gui.add_folder(gripper.title):
-                self._followed = _percent_of(session.snapshot, 50)
-                """what the slider shows while nobody edits it"""
-                self._percent = gui.add_slider("Gripper %", 0, 100, 1, initial_value=self._followed)
+                self._slider = GripperSlider(session)
                 self._part = gui.add_text("Part mm", _part_text(session.snapshot.part_mm), hint=_PART_HINT)
                 self._watch = EditWatch([TextEntry(self._part)])
                 with in_row(gui):
@@ -180,11 +173,7 @@ class JogControl:
         self._sticks.refresh(snapshot)
         self._tool.refresh()
         if self._opening is not None:
-            now = _percent_of(snapshot, self._followed)
-            if now != self._followed:
-                if self._percent.value == self._followed:
-                    self._percent.value = now
-                self._followed = now
+            self._slider.follow(snapshot)
             text = "It has not been told to move yet."
             if snapshot.gripper is not None:
                 text = f"Commanded: {100 * snapshot.gripper:.0f} %."
@@ -194,8 +183,8 @@ class JogControl:
 
     async def _on_gripper(self) -> None:
         self._watch.require_settled()
-        opening, part = checked_percent(self._percent.value, "gripper") / 100, part_of(self._part.value)
-        await self._session.submit(MoveGripper(opening, None if part is None else part.edges_mm))
+        part = part_of(self._part.value)
+        await self._session.submit(MoveGripper(self._slider.opening, None if part is None else part.edges_mm))
 
 
 def add_pairs(

@@ -335,3 +335,25 @@ def checked_percent(value: float, what: str) -> float:
     if not 0 <= value <= 100:
         raise InputError(f"{what}: {out_of_range(value, 0, 100, '%')}")
     return float(value)
+
+
+class GripperSlider:
+    """How far open the gripper is to be [%]; while nobody edits it, where the gripper was sent last."""
+
+    def __init__(self, session: Session) -> None:
+        self._followed = 50
+        self._slider = session.gui.add_slider("Gripper %", 0, 100, 1, initial_value=self._followed)
+        self.follow(session.snapshot)
+
+    def follow(self, snapshot: Snapshot) -> None:
+        """Show where the gripper was sent last, unless somebody has moved the slider away from it."""
+        if snapshot.gripper is None or (now := round(100 * snapshot.gripper)) == self._followed:
+            return
+        if self._slider.value == self._followed:
+            self._slider.value = now
+        self._followed = now
+
+    @property
+    def opening(self) -> float:
+        """What it shows, 0 … 1; an InputError where that is no percentage."""
+        return checked_percent(self._slider.value, "gripper") / 100

@@ -31,7 +31,7 @@ from armctl.ui.tabs.manual.program_row import PARTS, PLAIN, RowState, icon_of, r
 from armctl.ui.tabs.manual.shared_program import SharedProgram
 from armctl.ui.tabs.manual.step_form import KnownNames, StepEdit, texts_of
 from armctl.ui.widgets import html
-from armctl.ui.widgets.html import fixed
+from armctl.ui.widgets.html import fixed, with_minus
 
 PART = "program"
 """the part, and the list in it"""
@@ -39,8 +39,8 @@ _LONG = 20
 """rows, from which on the list has its greatest height"""
 _ADD = "Add step"
 SAMPLE = "Load a sample"
-_EMPTY = """<p>No steps yet. Bring the arm somewhere (Joints, Jog), then press <b>Record pose</b>; repeat;
-press <b>Run once</b>.</p>"""
+_EMPTY = """<p>No steps yet. Bring the arm somewhere in <b>Manual</b> and press <b>Record pose</b>, again and
+again; then press <b>Run once</b>.</p>"""
 _KEYS = (
     "Enter:step-edit Delete:step-delete Alt+ArrowUp:step-up Alt+ArrowDown:step-down Ctrl+d:step-copy "
     "Ctrl+z:step-undo Ctrl+y:step-redo Ctrl+Shift+z:step-redo"
@@ -224,8 +224,10 @@ class ProgramList:
         """Draw what has changed."""
         session, shared, editor = self._session, self._shared, self._editor
         may = session.why_not(None, snapshot) is None
-        if self._edit is not None and not (may and shared.row(self._edit.key) is not None):
-            self._close()
+        if (edit := self._edit) is not None:
+            begins = self._viewed[1] == "" and self._ahead.underway(snapshot) is not None
+            if not may or shared.row(edit.key) is None or (begins and not edit.refusals):
+                self._close()
         editor.select(editor.selected)
         states = self._row_states(snapshot, may=may)
         selected = shared.keys[editor.selected] if shared.keys else ""
@@ -389,6 +391,16 @@ class ProgramList:
 def pass_words(at: ProgramProgress) -> str:
     """Which pass of a program runs."""
     return f"pass {at.loop + 1} of {'∞' if at.loops is None else at.loops}"
+
+
+_ROOM = 14
+"""letters that the line has room for beside "Step 12 of 14: Gripper" in a small window"""
+
+
+def short_words(step: Step) -> str:
+    """What a step does; of one with a long description its kind, as its row has the rest."""
+    kind, does = f"{step.title[:1].upper()}{step.title[1:]}", with_minus(step.describe())
+    return f"{kind} {does}".rstrip() if len(does) <= _ROOM else kind
 
 
 def _by_step(findings: Sequence[Finding]) -> dict[int, tuple[str, str]]:

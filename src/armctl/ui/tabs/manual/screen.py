@@ -14,13 +14,13 @@ from armctl.ui.tabs.manual.joints import JointControl, LiveReadout
 from armctl.ui.tabs.manual.link_ring import LinkRing
 from armctl.ui.tabs.manual.program_ahead import ProgramAhead
 from armctl.ui.tabs.manual.program_editor import ProgramEditor, ProgramRecord
-from armctl.ui.tabs.manual.program_list import ProgramList, pass_words
+from armctl.ui.tabs.manual.program_list import ProgramList, pass_words, short_words
 from armctl.ui.tabs.manual.program_pins import ProgramPins
 from armctl.ui.tabs.manual.program_run import ProgramFiles, ProgramRun
 from armctl.ui.tabs.manual.scene_menu import SceneMenu
 from armctl.ui.tabs.manual.shared_program import SharedProgram
 from armctl.ui.tabs.manual.signals import SignalPanel, kinds_of
-from armctl.ui.widgets.html import LiveHtml, fixed, muted, strong, with_minus
+from armctl.ui.widgets.html import LiveHtml, fixed, muted, strong
 
 # Serial motion: a list of recorded steps, edited and run once, several times or for ever.
 
@@ -74,13 +74,12 @@ class SerialMotion:
         if at is None:
             return None
         step, now = at.running.steps[at.step], self._ahead.underway(snapshot)
-        words = f"{step.title[:1].upper()}{step.title[1:]} {with_minus(step.describe())}"
         how = [pass_words(at), *([at.inside] if at.inside else []), at.running.name]
         if snapshot.state is State.PAUSED:
             how.insert(0, "paused")
         elif now is not None and now.left:
             how.insert(0, f"{fixed(now.left, 1)} s left")
-        return Told(f"Step {at.step + 1} of {at.steps}: {words.rstrip()}", " · ".join(how))
+        return Told(f"Step {at.step + 1} of {at.steps}: {short_words(step)}", " · ".join(how))
 
     def _show_kept(self) -> None:
         """Offer what a console left unsaved; say where the present program is not kept."""
