@@ -407,5 +407,5 @@ def _why_none(found: RankedSolutions) -> Told:
     """What the line under the scene says where the arm does not go to what was solved."""
     away = 1000 * found.solutions.nearest_away_m
     if away > 0.0:
-        return Told("Out of reach", f"the nearest point is {fixed(away, 1)} mm away; see Inverse", bad=True)
+        return Told("Out of reach", f"nearest point: {fixed(away, 1)} mm away; see Inverse", bad=True)
     return Told("The arm cannot go there", "Inverse says why", bad=True)
