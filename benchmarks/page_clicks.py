@@ -163,9 +163,7 @@ def own_arm(person: Person) -> None:
     person.fill("Upper arm mm", "140")
     person.open_tab("3 Save")
     person.press("Save and open")
-    screen.wait_until(
-        lambda: screen.tab("Your own arm").count() == 0 or "My arm" in screen.text(), "it is open"
-    )
+    screen.wait_until(lambda: "My arm" in screen.text("armctl-part[name=bar]"), "it is open")
     enable(person)
     person.open_tab("Manual")  # it stands stretched out: its tool can be dragged nowhere
     person.slide("Base °", 0.6)
