@@ -209,7 +209,8 @@ class Screen:
 
         def rests() -> bool:
             lies_at.append(target.bounding_box())
-            return len(lies_at) > 5 and all(box == lies_at[-1] for box in lies_at[-5:])
+            still = len(lies_at) > 5 and all(box == lies_at[-1] for box in lies_at[-5:])
+            return still and lies_at[-1] is not None
 
         self.wait_until(rests, f"{target} is at rest")
 

@@ -156,6 +156,9 @@ def test_marks_are_not_changed_by_a_page_that_watches_and_touched_points_name_th
     page.wait_for_text("1500.0 µs")
     served.order(MoveGripper(0.2))  # in Manual, or by a program: pressed again, nothing jumps back
     page.wait_until(lambda: page.number("Gripper %") == 20, "the slider shows where the gripper is")
+    page.click("Move gripper")
+    page.pause()
+    assert served.now.gripper == pytest.approx(0.2)
     served.order(MoveGripper(0.5))
     page.wait_for_text("1500.0 µs")
     page.click("Closed here")

@@ -208,11 +208,20 @@ def test_a_page_says_how_large_its_window_is(text: str, window: tuple[int, int] 
 def test_what_was_unfolded_stays_so_where_the_page_says_its_size_late(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    async def said() -> list[int]:
+        anew: list[int] = []
+        monkeypatch.setattr(page, "_lay_out", lambda: anew.append(page._window[0]))
+        for window in ("390 844", "390 800", "414 800", "1280 800", "1290 700"):
+
+            async def recall(_: str, window: str = window) -> str:
+                return window
+
+            monkeypatch.setattr(page.session, "recall", recall)
+            await page._fit()
+        return anew
+
     with served_arm(tmp_path) as served, RawPage(served.app.server.get_port()) as raw:
         raw.operate()
         (page,) = served.app._pages.values()
-        anew: list[int] = []
-        monkeypatch.setattr(page, "_lay_out", lambda: anew.append(page._window[0]))
-        for window in ((390, 844), (390, 800), (414, 800), (1280, 800), (1290, 700)):
-            page._take(window)
-        assert anew == [390, 1280]
+        loop = served.app.server.get_event_loop()
+        assert asyncio.run_coroutine_threadsafe(said(), loop).result(PATIENCE_S) == [390, 1280]

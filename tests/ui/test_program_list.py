@@ -440,13 +440,19 @@ def test_the_running_step_is_marked_and_in_view_and_how_much_of_it_is_over(page:
     assert page.marked("aria-current") == []
 
 
-def test_what_runs_folds_the_step_that_is_edited_unless_that_would_lose_what_is_typed(page: ListPage) -> None:
+def test_a_run_that_begins_folds_the_step_that_is_edited_but_not_with_a_refused_value(page: ListPage) -> None:
     page.put(*waits(1, 2))
     page.do("step-edit", 0)
     running(page, 0)
     assert page.marked("data-set") == []
-    page.do("step-edit", 1)  # for the next pass
-    running(page, 1)
+    page.do("step-edit", 1)
+    steps = page.shared.program.steps
+    page.shared.edit(msgspec.structs.replace(page.shared.program, steps=waits(7) + steps[1:]), None)
+    assert page.snapshot.program is not None  # it comes with the next pass
+    page.snapshot.program = replace(page.snapshot.program, coming=page.shared.program)
+    page.draw()
+    assert page.marked("data-set") == [1]
+    running(page, 0, loop=1)  # it has come
     assert page.marked("data-set") == [1]
     page.snapshot.program = None
     page.draw()

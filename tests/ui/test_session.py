@@ -489,7 +489,7 @@ def test_a_point_whose_comparison_is_cancelled_is_not_added(
 
     async def cancel() -> None:
         cancelling = asyncio.create_task(press_and_cancel(session, button, changed))
-        await asyncio.to_thread(begun.wait, 10)
+        assert await asyncio.to_thread(begun.wait, 10)
         if changed_since:  # on another page
             points.delete(0)
         changed.set()

@@ -131,7 +131,7 @@ class Page:
         window = window_of(await self.session.recall("window") or "")
         if window is None or window == self._window:
             return
-        self._take(window)
+        self._resize(window)
         self.session.on_phone = self._window[0] < _PHONE_PX
         self._look()
 
@@ -141,9 +141,9 @@ class Page:
         if window is None:
             return
         if all(panel_widths(self._window[0])) and all(panel_widths(window[0])):
-            self._take(window)
+            self._resize(window)
 
-    def _take(self, window: tuple[int, int]) -> None:
+    def _resize(self, window: tuple[int, int]) -> None:
         before, self._window = self._window, window
         if panel_widths(before[0]) != panel_widths(window[0]):  # else it would fold what has just been opened
             self._lay_out()

@@ -135,20 +135,24 @@ const armctlViser = (() => {
     }
   }
 
-  // Everything that has no name yet. What has just come has it before it is drawn, as names say how it is laid out.
+  // Everything that has no name yet.
   function name() {
-    nameNew();
+    nameControls();
     writeLimits();
     nameIcons();
     look();
   }
-  function nameNew() {
+  function nameControls() {
     nameFields();
     nameSections();
   }
+  // Fields that have just come have theirs before they are drawn: some styles lay them out by it.
   function nameAtOnce() {
-    const named = (node) => node instanceof Element && node.querySelector("p > label[for]");
-    const came = new MutationObserver((changes) => changes.some(({ addedNodes }) => Array.from(addedNodes).some(named)) && nameNew());
+    const labelled = (node) => node instanceof Element && node.querySelector("p > label[for]");
+    const came = new MutationObserver((changes) => {
+      const viser = changes.filter(({ target }) => !target.closest("armctl-part"));
+      if (viser.some(({ addedNodes }) => Array.from(addedNodes).some(labelled))) nameControls();
+    });
     came.observe(document.getElementById("root"), { childList: true, subtree: true });
   }
 

@@ -9,7 +9,7 @@ OWN_ARM = steps_html(
     {
         "Lengths": "begin with a usual build, a copy or a table, and type what you measure",
         "Joints": "turn each one to both ends of its range, and keep them",
-        "Save": "the list Robot has it then, simulated or on your board",
+        "Save": "it is in the list Robot then, simulated or on your board",
     },
 )
 URDF_ARM = steps_html(

@@ -112,7 +112,7 @@ def people_html(control: Control, me: str) -> str:
         you = " (this page)" if party.id == me else ""
         known = "" if party.name == party.id else f" · {escape(party.id)}"
         name = f"<b>{escape(party.name)}</b>" if party.operates else escape(party.name)
-        lines.append(f"<div>{name}{you}: {what}<span style='opacity:.65'>{known}</span></div>")
+        lines.append(f"<div>{name}{you} {what}<span style='opacity:.65'>{known}</span></div>")
     if control.locked:
         whose = "the teacher" if control.by_teacher else "the operator"
         lines.append(f"<div>Control is locked by {whose}.</div>")
@@ -340,12 +340,14 @@ class FirstSteps:
     def _html(self) -> str:
         point = numbers((1000 * example_point(self._session.console.robot)).round().tolist(), 0)
         steps = {
-            "enable": f"Press <b>{'Enable' if self._session.operates else 'Take control'}</b> at the top.",
+            "enable": "Press <b>Enable</b> at the top.",
             "slider": "<b>Manual</b>: move a slider, and press <b>Go</b>.",
             "point": f"<b>Inverse</b>: type {point}, press <b>Solve</b>, then <b>Go</b>.",
             "program": "<b>Load a sample</b> in the empty program, and press <b>Run once</b>.",
         }
         hide = button("hide-first-steps", "", title="Hide first steps", kind="bare", icon="cross")
+        if not self._session.operates:
+            steps = {"control": "Press <b>Take control</b> at the top.", **steps}
         lines = "".join(
             f"<li{' class=done' * (step in self._done)}>{text}{' ✓' * (step in self._done)}</li>"
             for step, text in steps.items()

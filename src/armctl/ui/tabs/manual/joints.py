@@ -1,4 +1,4 @@
-"""Sliders that are edited first and sent by Go, and −/+ steps that move one joint at once."""
+"""Sliders that are edited first and sent by a button, and −/+ steps that move one joint at once."""
 
 from __future__ import annotations
 

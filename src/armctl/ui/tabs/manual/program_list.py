@@ -75,6 +75,8 @@ class ProgramList:
         self._view, self._viewed = "", ("", "")
         self._again = 0
         """how often a row was to come into view that was meant to be there already"""
+        self._ran = False
+        """a program ran at the last look, be it this one or an earlier version of it"""
         self._found: Sequence[Finding] = ()
         """findings whose first error has come into view"""
         session.parts.add(session.gui, PART)
@@ -225,9 +227,10 @@ class ProgramList:
         session, shared, editor = self._session, self._shared, self._editor
         may = session.why_not(None, snapshot) is None
         if (edit := self._edit) is not None:
-            begins = self._viewed[1] == "" and self._ahead.underway(snapshot) is not None
+            begins = not self._ran and self._ahead.underway(snapshot) is not None
             if not may or shared.row(edit.key) is None or (begins and not edit.refusals):
                 self._close()
+        self._ran = snapshot.program is not None
         editor.select(editor.selected)
         states = self._row_states(snapshot, may=may)
         selected = shared.keys[editor.selected] if shared.keys else ""
@@ -393,14 +396,15 @@ def pass_words(at: ProgramProgress) -> str:
     return f"pass {at.loop + 1} of {'∞' if at.loops is None else at.loops}"
 
 
-_ROOM = 14
-"""letters that the line has room for beside "Step 12 of 14: Gripper" in a small window"""
+_ROOM = 22
+"""letters that the line has room for behind "Step 12 of 14:" in a small window"""
 
 
 def short_words(step: Step) -> str:
-    """What a step does; of one with a long description its kind, as its row has the rest."""
-    kind, does = f"{step.title[:1].upper()}{step.title[1:]}", with_minus(step.describe())
-    return f"{kind} {does}".rstrip() if len(does) <= _ROOM else kind
+    """What a step does; of one that takes more room than the line has its kind."""
+    kind = f"{step.title[:1].upper()}{step.title[1:]}"
+    words = f"{kind} {with_minus(step.describe())}".rstrip()
+    return words if len(words) <= _ROOM else kind
 
 
 def _by_step(findings: Sequence[Finding]) -> dict[int, tuple[str, str]]:

@@ -198,7 +198,7 @@ def error_html(titles: Sequence[str], rows: JointRows, joints: Sequence[int], so
     """The following error now, and its largest in that time; of several joints that of the worst."""
     away = rows.board[:, joints] - rows.commanded[:, joints]
     if source is not Source.MEASURED or np.isnan(away[-1]).all():
-        why = "not known now" if source is Source.MEASURED else "not known: nothing is measured"
+        why = "not known now" if source is Source.MEASURED else "nothing is measured"
         return f"<div>Following error: {why}</div><div>&nbsp;</div>"
 
     def told(errors: FloatArray) -> str:
