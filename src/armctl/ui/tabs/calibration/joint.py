@@ -87,7 +87,7 @@ class CalibrationJoint:
         session.needs(Need.JOG, hint="Jog turns the joint slowly for as long as its button is held.")
         self._now = LiveHtml(gui)
         self._angle = NumberField(gui, "Angle read °", None, hint=_ANGLE_HINT)
-        with in_row(gui):
+        with in_row(gui, " "):
             add = gui.add_button("Add mark", icon=viser.Icon.PLUS)
         on_edit(session, add, self._add, refused_by(self._mark), told=True)
         self._marks = LiveHtml(gui)
@@ -96,7 +96,7 @@ class CalibrationJoint:
         self._delete = gui.add_button("Delete mark", color="gray")
         self._ends = gui.add_button_group("Safe limits", tuple(_ENDS), hint=_LIMIT_HINT)
         self._limits = LiveHtml(gui)
-        with in_row(gui):
+        with in_row(gui, " "):
             default = gui.add_button("Limits of the robot file", color="gray")
         self._watch = EditWatch([self._angle])
         session.on(self._joint.on_update, self._on_joint)
@@ -256,7 +256,7 @@ class CalibrationGripper:
         gui = session.gui
         LiveHtml(gui, muted(_HOW))
         self._slider = GripperSlider(session)
-        with in_row(gui):
+        with in_row(gui, " "):
             move = gui.add_button("Move gripper")
         session.needs(Need.GRIPPER, move, hint="0 % is closed, 100 % open, by the calibration in force.")
         self._now = LiveHtml(gui)

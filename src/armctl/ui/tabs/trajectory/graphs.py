@@ -288,7 +288,7 @@ def _limits(shown: PlannedMotion, of: str, quantity: str, limits: str) -> list[B
 
 def named_html(planned: PlannedMotion) -> str:
     """What a motion is, and how long it takes."""
-    return strong(f"{planned.title}: {fixed(planned.trajectory.duration, 3)} s")
+    return strong(f"{planned.title}: {fixed(planned.trajectory.duration, 2)} s")
 
 
 def peaks_html(planned: PlannedMotion) -> str:

@@ -123,7 +123,7 @@ class TrajectoryScreen:
         if self._out_of_date(snapshot):
             return None
         seconds = fixed(planned.trajectory.duration / snapshot.speed, 2)
-        return Told(planned.title, f"{seconds} s · looked at in Trajectory · Run starts it")
+        return Told(planned.title, f"{seconds} s · Run in Trajectory starts it")
 
     def _status(self, stale: str) -> str:
         if self._planning:
