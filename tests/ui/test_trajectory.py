@@ -260,7 +260,7 @@ def test_graphs_have_a_line_a_coordinate_and_dashed_limits_where_they_matter() -
         values = drawn.at(np.array([0.3])).lines[0].y  # where the cursor stands
         assert values == pytest.approx(np.interp(0.3, drawn.x, drawn.lines[0].y))
     html = named_html(found) + peaks_html(found)
-    duration = f"{found.trajectory.duration:.3f} s"
+    duration = f"{found.trajectory.duration:.2f} s"
     assert all(word in html for word in (duration, "Shoulder", "speed °/s", ">360<", ">60<", "mm/s²"))
     numbers = tool_html(found, 0.0) + joints_html(found, 0.0)
     assert "at 0.00 s: tool (<b>124.7, 3.6, 267.5</b>) mm, 0.0 mm/s" in numbers
