@@ -63,6 +63,15 @@ def test_another_way_is_one_click_or_one_key_away(solved: Screen, served: Served
     stands_at(page, served, down)
 
 
+def test_go_in_the_line_is_the_first_step_that_leads_to_a_point(solved: Screen, served: ServedArm) -> None:
+    page, robot = solved, served.robot
+    step = page.page.locator(".armctl-first li", has_text="Inverse")
+    page.click("Go")
+    stands_at(page, served, solve(robot, Target.of(POINT), "least-rotation", robot.pose("home")).choices[0].q)
+    page.open_tab("Main")
+    expect(step).to_contain_text("✓")
+
+
 def test_ways_come_back_with_a_page_that_is_loaded_again(solved: Screen, served: ServedArm) -> None:
     page = solved
     page.open(served.url, until="Enable")

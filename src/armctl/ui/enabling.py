@@ -29,7 +29,7 @@ _LOOK = (
 )
 _WAS_MOVING = "<b>The arm was moving when it was last seen.</b> The ghost shows where that was."
 _ENABLE_NOTE = "Enable asks where the arm stands. Then it switches the servos on, one by one: keep clear."
-_SIMULATED_NOTE = "Enable switches the servos of the simulated board on, in the rest pose."
+_SIMULATED_NOTE = "Enable switches the simulated servos on, in the rest pose."
 _TAKE_OVER_NOTE = "The servos are on: Enable takes the arm over where it stands. Nothing jumps."
 _MOTORS_NOTE = "Enable switches the motors on; they hold the arm where it stands."
 _LOST_NOTE = "Connect is in Main. Nothing moves by itself."

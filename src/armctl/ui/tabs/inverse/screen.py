@@ -31,7 +31,7 @@ _CHANGED = "The fields have changed: press Solve. Go by least energy solves them
 _MOVED_SINCE = "The arm has moved since: Go by least energy solves anew first."
 _JUDGED_BEFORE = "The arm has moved since: press Solve to judge the ways anew."
 _WAYS, _LINE = "ways", "ways-line"
-WAY = "way in Inverse"
+_WAY, _GO_SELECTED = "way in Inverse", "Go by the selected one"
 """whose pose it is; among what a page has done, that the arm has come to one"""
 _MARK_COLOR = (214, 51, 108)
 _MOVED = 1e-4
@@ -45,7 +45,7 @@ class InverseScreen:
 
     def __init__(self, session: Session) -> None:
         self._session, self._robot = session, session.console.robot
-        self._writer = PoseWriter(session, WAY, self._how, self._on_end, self._settled)
+        self._writer = PoseWriter(session, _WAY, self._how, self._on_end, self._settled)
         self._looked_at = Preview(session.ghost, TAB, "target")
         scene = session.client.scene
         self._mark = scene.add_icosphere("/inverse_mark", 0.006, color=_MARK_COLOR, visible=False)
@@ -66,7 +66,7 @@ class InverseScreen:
             self._solve = gui.add_button("Solve", icon=viser.Icon.TARGET)
             fill = gui.add_button("present position", color="gray")
             go_least = gui.add_button("Go by least energy", icon=viser.Icon.PLAYER_PLAY, color="gray")
-            go_selected = gui.add_button("Go by the selected one", icon=viser.Icon.PLAYER_PLAY, color="gray")
+            go_selected = gui.add_button(_GO_SELECTED, icon=viser.Icon.PLAYER_PLAY, color="gray")
             self._offers = (  # why is told in the line below
                 session.needs(Need.HOLDING, go_selected, also=self._not_selected, told=False),
                 session.needs(Need.HOLDING, go_least, also=self._no_least, told=False),
@@ -128,7 +128,7 @@ class InverseScreen:
 
     def _on_end(self, why: End) -> None:
         if why == "arrived":
-            self._session.obeyed.add(WAY)
+            self._session.obeyed.add(_GO_SELECTED)  # Go in the line has done what that does
 
     def _settled(self) -> None:
         self._form.watch.require_settled()

@@ -33,7 +33,6 @@ from armctl.ui.console import PortChoice, PortWatch
 from armctl.ui.next_pose import PoseWriter
 from armctl.ui.offers import Disableable
 from armctl.ui.session import Session
-from armctl.ui.tabs.inverse.screen import WAY
 from armctl.ui.tabs.main.boards import RobotChooser, board_html, homing_html, of_own_arm, ports_html
 from armctl.ui.tabs.main.own_arm import OwnArm
 from armctl.ui.tabs.main.servos import Servos
@@ -293,7 +292,7 @@ class MainScreen:
 
 _FIRST, _HIDDEN = "first-steps", "hidden"
 _FIRST_STEPS = {"enable", "slider", "point", "program"}
-_TO_A_POINT = {"Go by least energy", "Go by the selected one", WAY}
+_TO_A_POINT = {"Go by least energy", "Go by the selected one"}
 
 
 class FirstSteps:
