@@ -26,7 +26,8 @@ from tests.browser.kit import launch
 
 from armctl.robot import Robot, load_robot
 from armctl.ui.scene.arm_model import ARM, ArmFigure, arm_model
-from armctl.ui.scene.stage import Stage, look_at_arm, set_lights
+from armctl.ui.scene.camera import look_at_arm
+from armctl.ui.scene.stage import Stage, set_lights
 
 ARMS = "so101", "mearm", "ur5", "uzuner"
 ROUNDS, SECONDS = 4, 6.0

@@ -35,9 +35,9 @@ FOLDERS = {
     "robot": (44, 12_180),  # tools of a URDF arm; gaps of hulls in two thirds of the time
     "runtime": (26, 6_630),  # joints let down, messages, which warnings a cause tells, tools; a jog rests
     "ui": (
-        110,
-        25_520,
-    ),  # a motion's numbers are folded; a program that runs is followed; steps edited; solutions as a table
+        111,
+        25_720,
+    ),  # the view takes in a ghost that stands outside; a program that runs is followed; steps edited
 }
 """files and lines, at most"""
 _HOW = "make it smaller, or raise its number in test_budgets.py and say in the commit what a user got for it"

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 import math
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
@@ -20,19 +22,9 @@ from armctl.robot.look.pieces import Piece
 from armctl.robot.parts import Obstacle, Shape
 from armctl.robot.solids import Point, Solid, beam, block, drum, tube
 from armctl.ui.guard import GuardedServer
+from armctl.ui.scene.camera import View, first_view, framed, in_picture, in_view, look_at_arm
 from armctl.ui.scene.ghost import Ghost
-from armctl.ui.scene.stage import (
-    Marks,
-    Stage,
-    first_view,
-    floor_size,
-    framed,
-    front,
-    in_picture,
-    in_view,
-    look_at_arm,
-    stand_parts,
-)
+from armctl.ui.scene.stage import Marks, Stage, floor_size, front, stand_parts
 from armctl.ui.widgets.angle_fields import held_at
 
 ROBOTS = {name: load_robot(name) for name in FIVE}
@@ -251,3 +243,38 @@ def test_what_is_outside_the_picture_is_known_and_seen_once_the_view_is_reset() 
     for sheet in (False, True):
         look_at_arm(client, robot, shown=[there], sheet=sheet)
         assert in_picture(cast(Any, camera), robot, there, sheet=sheet)
+
+
+def test_a_view_takes_in_what_rests_outside_of_it_until_a_person_has_turned_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("armctl.ui.scene.camera._FOLLOWS_S", 0.0)
+    robot, begun = load_robot("uzuner"), list[Any]()
+    camera = SimpleNamespace(image_width=552, image_height=692, fov=FOV)
+    client = cast(Any, SimpleNamespace(camera=camera, atomic=nullcontext))
+    look_at_arm(client, robot)
+    arrows = SimpleNamespace(visible=False)
+    home = robot.pose("home")
+    other, out = (robot.inverse([0.25, y, 0.1]).best("least-travel", home) for y in (-0.1, 0.1))
+    camera.position, camera.look_at = 0.6 * camera.position + 0.4 * camera.look_at, camera.look_at
+    page = cast(Any, SimpleNamespace(
+        client=client, closed=False, on_phone=False, other_arrows=[arrows], on_stage=[out], spawn=begun.append
+    ))  # fmt: skip
+    view = View(page, robot)
+    placed = camera.position.copy()
+    assert not in_picture(cast(Any, camera), robot, out, sheet=False)
+    assert not view.misses(other) and not view.misses(out)
+    assert begun == []  # it does not rest yet
+    for view.held, arrows.visible in ((True, False), (False, True)):  # nothing moves under a hand
+        assert view.misses(out)
+    view.held = arrows.visible = False
+    assert not view.misses(out)
+    asyncio.run(begun.pop())
+    assert in_picture(cast(Any, camera), robot, out, sheet=False)
+    away, before = camera.position - camera.look_at, placed - camera.look_at
+    assert np.linalg.norm(away) > np.linalg.norm(before)  # from the same side, from farther away
+    assert not view.misses(out) and not begun
+    camera.position = 0.7 * camera.position + 0.3 * camera.look_at  # a person has come nearer
+    assert [view.misses(out), view.misses(out), begun] == [True, True, []]
+    view.look()
+    assert not view.misses(out) and not begun

@@ -36,7 +36,7 @@ from armctl.robot import Robot
 from armctl.ui.docs import page_of
 from armctl.ui.enabling import EnableControl
 from armctl.ui.scene.arm_model import ARM, repaint
-from armctl.ui.scene.stage import add_floor, in_picture
+from armctl.ui.scene.stage import add_floor
 from armctl.ui.session import Session
 from armctl.ui.widgets.html import button, fixed, sentence, with_minus
 from armctl.ui.widgets.number_field import parse_number
@@ -83,7 +83,7 @@ class ControlBar:
             ("take", "Take control", self._on_take),
             ("clear", "Clear fault", lambda: session.submit(ClearFault())),
             ("theme", "Theme", self._on_theme),
-            ("show-all", "Show all", session.look),
+            ("show-all", "Show all", session.view.look),
         ):
             session.on_press(do, label, lambda _, action=action: action())
         session.on_press("release", "Release", self._on_release)
@@ -94,7 +94,7 @@ class ControlBar:
         session.on_key(hot_key, self._on_stop)
         hold = session.command("Pause or resume", self._on_hold, "Rest on the path, or go on")
         session.needs(Need.PAUSE, hold, told=False)
-        session.command("Reset view", session.look, "See the whole arm again")
+        session.command("Reset view", session.view.look, "See the whole arm again")
         session.on_theme(self._draw_theme)
         session.spawn(self._recall_looks())
 
@@ -117,8 +117,7 @@ class ControlBar:
         now, known, _ = source.partition(";")
         now = now if known else "now"  # "unknown; drawn where Enable would put it"
         unknown = now.startswith("unknown")  # what is drawn then is nobody's pose
-        camera, robot, sheet = session.client.camera, session.console.robot, session.on_phone
-        outside = then is not None and not in_picture(camera, robot, then, sheet=sheet)
+        outside = session.view.misses(then)
         before = self._where
         same = before is not None and _same(q, before[0]) and _same(then, before[1])
         if before is None or not same or (now, kind, snapshot.tool, outside) != before[2:]:

@@ -64,6 +64,7 @@ class DraggedTool:
             if not self._held and not self._dragged and np.abs(self._point - self._stood).max() <= _THERE_M:
                 return  # a click that drags nothing
             self._dragged, self._held = True, held
+            session.view.held = held
             self._stood = self._point
             self._writer.begin()
             await session.attempt(self._solving.run)

@@ -11,7 +11,7 @@ from armctl.protocol import Snapshot
 from armctl.ui.bar import ControlBar
 from armctl.ui.dragged_tool import DraggedTool
 from armctl.ui.robot_switch import RobotSwitch
-from armctl.ui.scene.stage import look_at_arm
+from armctl.ui.scene.camera import look_at_arm
 from armctl.ui.session import Session
 from armctl.ui.tabs import PROGRAM, TABS, Screen
 from armctl.ui.telemetry import TelemetryTable
@@ -133,7 +133,7 @@ class Page:
             return
         self._resize(window)
         self.session.on_phone = self._window[0] < _PHONE_PX
-        self._look()
+        self.session.view.look(picture=picture_size(*window))
 
     def _on_window(self, _: str, text: str) -> None:
         """It is larger or smaller now: panels beside the scene become as wide as it has room for."""

@@ -16,8 +16,9 @@ from armctl.protocol.recording import INPUT, OUTPUT
 from armctl.robot import Robot
 from armctl.ui.guard import GuardedServer
 from armctl.ui.scene.arm_model import ARM, ArmFigure
+from armctl.ui.scene.camera import look_at_arm
 from armctl.ui.scene.ghost import THICKER, played
-from armctl.ui.scene.stage import Stage, look_at_arm, set_lights
+from armctl.ui.scene.stage import Stage, set_lights
 from armctl.ui.widgets.graph import TALL_TICKS, Curves, PlotLine, legend, plot_html, thinned
 from armctl.ui.widgets.html import ERROR, WARNING, LiveHtml, fixed, heading, muted, table
 

@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 
 import viser
 
+from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError
 from armctl.facts import Need, Reason, say
 from armctl.facts.commands import Stopped
@@ -27,8 +28,8 @@ from armctl.ui.guard.parts import Parts
 from armctl.ui.next_pose import NextPose
 from armctl.ui.offers import NO_REASON, Disableable, Offer
 from armctl.ui.robot_switch import RobotSwitch
+from armctl.ui.scene.camera import View
 from armctl.ui.scene.ghost import Ghost
-from armctl.ui.scene.stage import look_at_arm
 from armctl.ui.widgets.html import LiveHtml, with_minus
 from armctl.ui.widgets.number_field import in_row
 
@@ -67,6 +68,7 @@ class Session:
         self.other_arrows: list[viser.TransformControlsHandle] = []
         """what else can be dragged; it may stand where the tool is"""
         self.next = NextPose(self)
+        self.view = View(self, self.console.robot)
 
     @property
     def gui(self) -> viser.GuiApi:
@@ -127,13 +129,11 @@ class Session:
         """Whether the tab with this label is open, or nobody knows: what only tells need not be told else."""
         return self.ghost.in_view(tab)
 
-    def look(self, view: str = "Reset", beside: tuple[Robot, float] | None = None) -> None:
-        """See the arm from one side; ``beside``: and another one, so far [m] along y."""
-        looked_at = self.ghost.q if self.ghost.seen else None
-        drawn = (self.console.last_known.drawn(self.snapshot), self.next.q, looked_at)
-        shown = [q for q in drawn if q is not None]
-        robot = self.console.robot
-        look_at_arm(self.client, robot, view, beside=beside, shown=shown, sheet=self.on_phone)
+    @property
+    def on_stage(self) -> list[FloatArray]:
+        """(n,) the arm as it is drawn, its next pose, and what is looked at [rad]."""
+        ghosts = (self.next.q, self.ghost.q if self.ghost.seen else None)
+        return [self.console.last_known.drawn(self.snapshot), *(q for q in ghosts if q is not None)]
 
     def use_theme(self, theme: Theme) -> None:
         """The page is light or dark from now on."""

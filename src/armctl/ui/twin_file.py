@@ -29,8 +29,9 @@ from armctl.program import Program
 from armctl.program.rehearsal import Rehearsal, rehearse
 from armctl.robot import CarriedPart, Robot
 from armctl.ui.scene.arm_model import ARM, HALF_OPEN, ArmFigure
+from armctl.ui.scene.camera import first_view
 from armctl.ui.scene.ghost import Lines, segments
-from armctl.ui.scene.stage import Stage, first_view, set_lights
+from armctl.ui.scene.stage import Stage, set_lights
 from armctl.ui.viser_seam import FILE_STYLE, SCRIPT, KeptScene, dressed
 
 FRAMES_A_S, _MOST_FRAMES = 30, 9_000

@@ -1,9 +1,8 @@
-"""What the arm stands on, and from where it is first seen."""
+"""What the arm stands on, and the names in the scene."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 import viser
@@ -12,7 +11,7 @@ from armctl.arrays import FloatArray
 from armctl.kinematics import quaternion_wxyz
 from armctl.robot import Robot
 from armctl.robot.solids import Point, Solid, beam, block, drum, tube
-from armctl.ui.scene.arm_model import add_solid, arm_model, send_pose
+from armctl.ui.scene.arm_model import add_solid, send_pose
 
 # Proportions, as fractions of the arm's reach.
 _PLATE_WIDTH, _PLATE_HEIGHT = 0.28, 0.02
@@ -32,18 +31,6 @@ _SHADOW = 0.25
 """how dark the arm's shadow on the floor is, where it has one"""
 _FLOOR_M, _FLOOR_STEP_M = 1.0, 0.5
 """the floor is so large at least; a longer arm stands on one that is larger by whole sections"""
-_IN_FRONT, _BESIDE, _ABOVE = 0.62, 0.72, 0.32
-"""the direction from the arm to the camera"""
-_STRETCHED = 0.75
-"""of the reach, to each side: the arm fills the picture, and mostly stays in it"""
-_FILLED = 0.95
-"""of the picture, by the arm and how far it reaches"""
-_SHEET = 0.6
-"""of the picture of a phone, covered by the panels"""
-_SMALL = 0.6
-"""of an arm's reach, that of another one beside it"""
-_LEAST_ASPECT = 0.5
-"""where the panels leave the scene a narrower strip, the arm may go beyond it"""
 
 
 def front(robot: Robot) -> FloatArray:
@@ -51,27 +38,6 @@ def front(robot: Robot) -> FloatArray:
     tool = robot.forward(robot.pose("home"))[:2, 3]
     distance = float(np.linalg.norm(tool))
     return np.array([1.0, 0.0]) if distance < _ABOVE_BASE * robot.chain.length else tool / distance
-
-
-def framed(
-    points: FloatArray, away: FloatArray, fov: float, aspect: float, filled: float
-) -> tuple[FloatArray, FloatArray]:
-    """Where a camera stands, and the middle of its picture (3,) [m], with points (k, 3) [m] in view; z is up.
-
-    ``away`` (3,): the direction to it, not along z; ``fov`` [rad] upright; ``aspect`` width by height;
-    ``filled``: the part of the shorter of them that the points may take (0 … 1).
-    """
-    back = away / np.linalg.norm(away)
-    right = np.cross([0.0, 0.0, 1.0], back)
-    right /= np.linalg.norm(right)
-    axes = np.stack([right, np.cross(back, right), back])  # to the right, up, towards the camera
-    seen = points @ axes.T
-    middle = 0.5 * (seen.min(axis=0) + seen.max(axis=0))
-    x, y, nearer = (seen - middle).T
-    high = filled * math.tan(0.5 * fov)
-    distance = float((nearer + np.maximum(np.abs(x) / (high * aspect), np.abs(y) / high)).max())
-    centre: FloatArray = middle @ axes
-    return centre + distance * back, centre
 
 
 def stand_parts(robot: Robot) -> dict[str, Solid]:
@@ -158,99 +124,6 @@ class Stage:
 def floor_size(robot: Robot) -> float:
     """The side of a floor that the arm does not reach beyond [m]."""
     return max(_FLOOR_M, _FLOOR_STEP_M * math.ceil(2 * robot.chain.length / _FLOOR_STEP_M))
-
-
-VIEWS: dict[str, tuple[float, float, float]] = {
-    "Reset": (_IN_FRONT, _BESIDE, _ABOVE),
-    "Front": (1.0, 0.0, 0.12),
-    "Side": (0.0, 1.0, 0.12),
-    "Top": (0.02, 0.0, 1.0),
-}
-"""the directions to the camera: ahead of the home pose, to its right, up"""
-
-
-def look_at_arm(
-    client: viser.ClientHandle,
-    robot: Robot,
-    view: str = "Reset",
-    *,
-    beside: tuple[Robot, float] | None = None,
-    shown: Sequence[FloatArray] = (),
-    picture: tuple[int, int] | None = None,
-    sheet: bool = False,
-) -> None:
-    """See the arm by one of ``VIEWS``; ``picture``: width and height that will be free; None: as they are.
-
-    ``beside``: another arm that is seen, too, and how far along y it stands [m]; one that is much smaller is
-    seen alone, or nothing could be made out of it, as on a phone. ``shown``: configurations
-    (n,) [rad] of the arm, or of ghosts, that are not to be outside of the picture.
-    ``sheet``: the panels lie over the lower part of the picture, so the arm is seen in the upper one.
-    """
-    camera = client.camera
-    width, height = (camera.image_width, camera.image_height) if picture is None else picture
-    free = 1.0 - _SHEET if sheet else 1.0
-    aspect = max(width / (free * height), _LEAST_ASPECT)
-    high = math.tan(0.5 * camera.fov)
-    fov = 2 * math.atan(free * high)
-    points = in_view(robot, shown)
-    if beside is not None:
-        other, aside = beside
-        others = in_view(other) + np.array([0.0, aside, 0.0])
-        small = other.chain.length < _SMALL * robot.chain.length
-        points = others if small or sheet else np.vstack([points, others])
-    position, middle = first_view(robot, points, fov, aspect, view)
-    away = position - middle
-    right = np.cross([0.0, 0.0, 1.0], away)
-    down = (1.0 - free) * high * np.cross(right, away) / np.linalg.norm(right)
-    camera.up_direction = np.array([0.0, 0.0, 1.0])
-    camera.position, camera.look_at = position + down, middle + down
-
-
-def in_picture(camera: viser.CameraHandle, robot: Robot, q: FloatArray, *, sheet: bool) -> bool:
-    """Whether all joints and the tool at ``q`` (n,) [rad] are in view; ``sheet`` as in ``look_at_arm``."""
-    points = np.vstack([robot.frames(q)[..., :3, 3].reshape(-1, 3), robot.forward(q)[:3, 3]])
-    away = np.asarray(camera.position) - np.asarray(camera.look_at)
-    right = np.cross([0.0, 0.0, 1.0], away)
-    length = float(np.linalg.norm(right))
-    if length == 0.0 or not camera.image_height:  # straight from above, or nobody has told yet
-        return True
-    back, right = away / np.linalg.norm(away), right / length
-    axes = np.stack([right, np.cross(back, right), back])
-    x, y, nearer = axes @ (points - np.asarray(camera.position)).T
-    high = -nearer * math.tan(0.5 * camera.fov)
-    wide = high * camera.image_width / camera.image_height
-    low = 2 * _SHEET - 1 if sheet else -1.0
-    return bool(((np.abs(x) <= wide) & (y <= high) & (y >= low * high)).all())
-
-
-def first_view(
-    robot: Robot, points: FloatArray, fov: float, aspect: float, view: str = "Reset"
-) -> tuple[FloatArray, FloatArray]:
-    """Where the camera stands by one of ``VIEWS``, and what it looks at (3,) [m]; as ``framed``."""
-    return framed(points, towards_camera(robot, view), fov, aspect, _FILLED)
-
-
-def towards_camera(robot: Robot, view: str = "Reset") -> FloatArray:
-    """The direction (3,) from the arm to the camera in one of ``VIEWS``; of no length in particular."""
-    ahead = front(robot)
-    side = np.array([ahead[1], -ahead[0]])
-    forward, beside, above = VIEWS[view]
-    return np.array([*(forward * ahead + beside * side), above])
-
-
-def in_view(robot: Robot, shown: Sequence[FloatArray] = ()) -> FloatArray:
-    """Home and rest poses, the foot, and the arm stretched ahead, to both sides and upwards (k, 3) [m].
-
-    ``shown``: other configurations (n,) [rad].
-    """
-    size, ahead = robot.chain.length, front(robot)
-    shoulder = float(robot.chain.axes()[0][:2, 2][-1])
-    level = size - abs(shoulder)  # the column below the shoulder reaches nowhere
-    side = np.array([-ahead[1], ahead[0]])
-    poses = arm_model(robot).bounds(np.stack([robot.pose("home"), robot.pose("rest"), *shown]))
-    level *= _STRETCHED
-    stretched = [[*(level * way), shoulder] for way in (ahead, side, -side)]
-    return np.vstack([poses, stretched, [[0.0, 0.0, robot.floor_z], [0.0, 0.0, shoulder + level]]])
 
 
 class Marks:

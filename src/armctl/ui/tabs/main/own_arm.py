@@ -25,7 +25,7 @@ from armctl.robot.parts import Hand
 from armctl.ui.own_copy import taken_along
 from armctl.ui.robot_switch import RobotChoice
 from armctl.ui.scene.arm_model import HALF_OPEN, ArmFigure
-from armctl.ui.scene.stage import towards_camera
+from armctl.ui.scene.camera import towards_camera
 from armctl.ui.session import Session
 from armctl.ui.tabs.main.arm_lengths import ROWS_HINT, LengthLabels, rows_of
 from armctl.ui.tabs.main.beginning import OWN_ARM
@@ -261,7 +261,7 @@ class OwnArm:
         self._figure.root.position = (0.0, along_y, 0.0)
         if abs(aside - self._looked_aside) > _LOOK_AGAIN * aside:
             self._looked_aside = aside
-            self._session.look(beside=(robot, along_y))
+            self._session.view.look(beside=(robot, along_y))
         if self._kind.value not in _BEGINNINGS:  # else its lengths say so
             self._figure.say("new arm")
 
@@ -284,7 +284,7 @@ class OwnArm:
     def _end(self) -> None:
         if self._figure is not None:
             self._looked_aside = 0.0
-            self._session.look()
+            self._session.view.look()
         self._erase()
         self._robot, self._edits, self._q = None, _Edits(), {}
         self._form_shown(False)

@@ -121,6 +121,7 @@ class LinkRing:
 
         async def drag(event: viser.TransformControlsEvent) -> None:
             if event.client is not None and not self._session.closed:
+                self._session.view.held = event.phase != "end"
                 self.turn(np.array(ring.wxyz), done=event.phase == "end")
 
         ring.on_update(drag)

@@ -22,8 +22,9 @@ from armctl.runtime.live_target import Follower
 from armctl.ui.console import Console, known
 from armctl.ui.events import Newest
 from armctl.ui.scene.arm_model import ArmFigure
+from armctl.ui.scene.camera import VIEWS
 from armctl.ui.scene.ghost import BodyView, Lines, segments
-from armctl.ui.scene.stage import VIEWS, Marks
+from armctl.ui.scene.stage import Marks
 from armctl.ui.session import Session
 from armctl.ui.tabs.simulation.joint_graph import JointGraph
 from armctl.ui.tabs.simulation.twin import FRAME_S, TwinControl, twin_figure
@@ -40,7 +41,7 @@ class SimulationScreen:
         gui = session.gui
         with gui.add_folder("In the 3D view"), field_grid(gui):
             camera = gui.add_button_group("Camera", tuple(VIEWS))
-            session.on(camera.on_click, lambda: session.look(camera.value))
+            session.on(camera.on_click, lambda: session.view.look(camera.value))
             self._names = gui.add_checkbox("Joint names", initial_value=False)
             self._frames = gui.add_checkbox("Frames", initial_value=False, hint=_FRAMES_HINT)
             self._with_body = gui.add_checkbox("Body", initial_value=False, hint=_BODY_HINT)
