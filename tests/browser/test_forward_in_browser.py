@@ -109,7 +109,7 @@ def test_what_is_half_typed_no_number_or_past_a_limit_never_moves_the_arm(
         if typed != "150":
             page.wait_for_text(re.compile("Nothing can be sent"))
         if typed == "150":
-            page.wait_for_text(f"With respect to reference: {why}")
+            page.wait_for_text(f"{why}.")
             page.wait_until(lambda: not page.is_enabled(REFERENCE) and not page.is_enabled(LAST), "off")
             continue
         for button in (REFERENCE, LAST):

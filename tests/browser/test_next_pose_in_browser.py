@@ -349,7 +349,7 @@ class Sequence:
         q, tip, said, figures = self.kept(page), ghost_tip_mm(page), line(page), self.figures(page)
         now, *_ = figures.values()
         assert now == pytest.approx(self.told(self.served.now.q), abs=0.06)  # in the board's steps
-        if (looked_at := figures.pop("looked at", None)) is not None:  # in place of the next one
+        if (looked_at := figures.pop("looked at", figures.pop("nearest", None))) is not None:  # for the next
             assert looked_at[5:] == pytest.approx(ghost_tip_mm(page, LOOKED_AT), abs=0.06)
             figures["next"] = [] if q is None else self.told(q).tolist()
         if q is None:

@@ -53,7 +53,7 @@ def test_control_is_asked_for_told_logged_and_locked_and_the_lock_opens_for_the_
     second.wait_for_text("WATCHING: Ada operates the arm")
     for page in (first, second):
         page.open_tab("Arm")
-    second.wait_for_text("This page is watching, Ada operates; press 'Take control' first.")
+    second.wait_for_text("This page is watching; press 'Take control' first.")
     expect(second.button("Home")).to_be_disabled()
     second.wait_for_text("Press Take control at the top.")
     second.click("Take control")

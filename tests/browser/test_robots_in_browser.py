@@ -197,7 +197,7 @@ def test_a_page_that_watches_follows_but_may_not_choose_and_one_that_closes_mean
     page: Screen, served: ServedArm, screens: Screens
 ) -> None:
     watcher = screens(served.url)
-    watcher.wait_for_text(re.compile("This page is watching, browser page 1 operates"))
+    watcher.wait_for_text(re.compile("This page is watching; press"))
     expect(watcher.entry("Robot")).to_be_disabled()
     assert served.robot.name == "uzuner"
     choose(page, served, "mico")

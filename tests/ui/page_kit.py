@@ -77,6 +77,7 @@ class FakePage:
         self.offers: list[Offer] = []
         self.other_arrows: list[viser.TransformControlsHandle] = []
         self.next = NextPose(self.session)
+        self.view = SimpleNamespace(held=False)
 
     @property
     def session(self) -> Session:

@@ -18,6 +18,7 @@ from armctl.hardware.boards import board_type
 from armctl.motion import plan_line
 from armctl.robot import Robot, load_robot
 from armctl.ui.bar import AskingButton, take_html, warning_lines, way_out, where_html
+from armctl.ui.scene.ghost import NEAREST
 from armctl.ui.tabs.manual.joints import joint_steps, rounding_note, rounding_off_m
 
 SERVO_ARMS = ("uzuner", "abaas", "mico", "humanoid")
@@ -103,6 +104,7 @@ def test_where_nobody_knows_the_pose_no_number_is_shown_for_it() -> None:
     assert "not known" in unknown and re.search(r"\d", unknown) is None
     looked = where_html(robot, q, robot.pose("home"), now=None, kind="looked")
     assert "looked at" in looked and "not known" not in looked
+    assert "<th class='looked'>nearest</th>" in where_html(robot, q, robot.pose("home"), kind=NEAREST)
     assert looked.count("<td class='looked'>") == robot.n + 5 and looked.count("<td>") == 1
     assert "<th>Shoulder <small>°</small></th><td>110.0</td>" in where_html(robot, q)
 

@@ -50,10 +50,15 @@ def test_results_tell_where_both_buttons_lead_and_what_is_outside(server: Guarde
     page.put("Shoulder °", "90")
     assert screen._outside(REFERENCE, page.session.snapshot) is None
     why = screen._outside(LAST, page.session.snapshot)
-    assert why is not None and "Shoulder: 180.00° is outside" in why
     told = offers_html({REFERENCE: None, LAST: why})
-    assert "With respect to last position: Shoulder: 180.00° is outside −3.19° … 146.83°" in told
+    assert "<td>last</td><td>Shoulder: 180.00° is outside −3.19° … 146.83°.</td>" in told
     assert "reference" not in told and offers_html({REFERENCE: None, LAST: None}) == NO_REASON
+    page.put("Base °", "999")
+    outside = {how: screen._outside(how, page.session.snapshot) for how in (REFERENCE, LAST)}
+    told = offers_html(outside)
+    assert "<td>both</td><td>Base: 999.00° is outside" in told and told.count("<tr>") == 3
+    assert "unit" not in told  # a page counts in degrees
+    page.put("Base °", "10")
     assert offers_html({REFERENCE: "it is off", LAST: "it is off"}).count("It is off.") == 1
     page.put("Shoulder °", "half")
     assert screen._outside(LAST, page.session.snapshot) is None  # told elsewhere, and where it is pressed

@@ -20,7 +20,7 @@ from armctl.robot import Robot, load_robot
 from armctl.ui.guard import GuardedServer
 from armctl.ui.next_pose import PoseWriter
 from armctl.ui.tabs.inverse.answer import RankedSolutions, answer, short_branch, solve
-from armctl.ui.tabs.inverse.answer_html import comparison, details_html, list_row, notice_html
+from armctl.ui.tabs.inverse.answer_html import comparison, count_html, details_html, list_row, notice_html
 from armctl.ui.tabs.inverse.branches import branches_html, same_place
 from armctl.ui.tabs.inverse.screen import InverseScreen
 from armctl.ui.tabs.inverse.solution_list import rows_table
@@ -45,7 +45,7 @@ def solved(x: float, y: float, z: float, criterion: str = "least-rotation") -> R
 
 def result_html(robot: Robot, found: RankedSolutions) -> str:
     """All that is told of an answer, but for the ways and the list."""
-    return notice_html(robot, found) + details_html(robot, found)
+    return count_html(found) + notice_html(robot, found) + details_html(robot, found)
 
 
 def at_home() -> RankedSolutions:

@@ -13,6 +13,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
+import numpy as np
 import pytest
 from tests.robot.urdf_kit import Step, written
 from tests.ui.page_kit import snapshot_of
@@ -80,8 +81,9 @@ class Bench:
         self.opening: RobotChoice | None = None
         self.ticket = Ticket.ended()
         client = SimpleNamespace(
-            gui=server.gui, scene=server.scene, client_id=6, add_notification=self._notify
-        )
+            gui=server.gui, scene=server.scene, client_id=6, add_notification=self._notify,
+            camera=SimpleNamespace(position=np.ones(3), look_at=np.zeros(3)),
+        )  # fmt: skip
         controller = SimpleNamespace(snapshot=self.snapshot, ended=False, submit=lambda *_: self.ticket)
         self.console = SimpleNamespace(
             robot=ROBOT,
@@ -163,7 +165,7 @@ class Bench:
         (
             None,
             {"control": Control((replace(ME, operates=False), OTHER))},
-            "this page is watching, Bob operates; press 'Take control' first",
+            "this page is watching; press 'Take control' first",
         ),
         (Need.HOLDING, {"control": Control((OTHER,))}, "this page has just come; wait a moment"),
     ],

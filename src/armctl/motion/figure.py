@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
 FigureForm = Literal["svg", "png"]
 _COLORS = ("#1971c2", "#e8590c", "#2f9e44", "#9c36b5", "#f08c00", "#0c8599", "#5c940d", "#495057")
+_AXES = {"x": "#e03131", "y": "#2f9e44", "z": "#1971c2"}
+"""as the axes of a frame are drawn"""
 _QUANTITIES: tuple[tuple[Derivative, str], ...] = (
     ("position", ""), ("velocity", "/s"), ("acceleration", "/s²"), ("jerk", "/s³"),
 )  # fmt: skip
@@ -60,12 +62,13 @@ def motion_figure(robot: Robot, shown: TitledMotion, beside: TitledMotion | None
     for row, (quantity, per) in zip(axes, _QUANTITIES, strict=True):
         joints, tool = shown.motion.of(quantity)
         sides = (
-            (row[0], 1000 * tool, ["x", "y", "z"], f"tool {quantity} (mm{per})"),
+            (row[0], 1000 * tool, list(_AXES), f"tool {quantity} (mm{per})"),
             (row[1], robot.shown(joints), joint_names, f"joint {quantity} (°{per})"),
         )
         for axis, values, names, label in sides:
             for i, name in enumerate(names):
-                axis.plot(shown.motion.time, values[:, i], color=color_of(i), linewidth=1.3, label=name)
+                color = color_of(i, name)
+                axis.plot(shown.motion.time, values[:, i], color=color, linewidth=1.3, label=name)
             axis.set_ylabel(label)
             axis.grid(visible=True, color="#dee2e6", linewidth=0.6)
             axis.margins(x=0.0)
@@ -73,9 +76,11 @@ def motion_figure(robot: Robot, shown: TitledMotion, beside: TitledMotion | None
             row[1].axhline(limit.value, color=color_of(limit.joint), linestyle="--", linewidth=0.9)
         if beside is not None:
             joints, tool = beside.motion.of(quantity)
-            for axis, values in zip(row, (1000 * tool, robot.shown(joints)), strict=True):
-                for i, line in enumerate(values.T):
-                    axis.plot(beside.motion.time, line, color=color_of(i), linewidth=1.0, linestyle=":")
+            values_of = (1000 * tool, list(_AXES)), (robot.shown(joints), joint_names)
+            for axis, (values, names) in zip(row, values_of, strict=True):
+                for i, (line, name) in enumerate(zip(values.T, names, strict=True)):
+                    color = color_of(i, name)
+                    axis.plot(beside.motion.time, line, color=color, linewidth=1.0, linestyle=":")
     for axis in axes[-1]:
         axis.set_xlabel("time (s)")
     for axis, many in zip(axes[0], (3, min(robot.n, 3)), strict=True):
@@ -124,9 +129,9 @@ def figure_file(
     return drawn.stdout
 
 
-def color_of(i: int) -> str:
-    """The colour of the i-th joint, coordinate or branch, here and on screens."""
-    return _COLORS[i % len(_COLORS)]
+def color_of(i: int, name: str = "") -> str:
+    """The colour of the i-th joint or branch, here and on screens; of a coordinate by its ``name``."""
+    return _AXES.get(name.lower(), _COLORS[i % len(_COLORS)])
 
 
 def main() -> None:

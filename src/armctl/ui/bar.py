@@ -36,6 +36,7 @@ from armctl.robot import Robot
 from armctl.ui.docs import page_of
 from armctl.ui.enabling import EnableControl
 from armctl.ui.scene.arm_model import ARM, repaint
+from armctl.ui.scene.ghost import NEAREST
 from armctl.ui.scene.stage import add_floor
 from armctl.ui.session import Session
 from armctl.ui.widgets.html import button, fixed, sentence, with_minus
@@ -113,7 +114,7 @@ class ControlBar:
         session.parts.show(_ALERTS, self._alerts(snapshot, cause))
         q, then, kind = session.console.last_known.drawn(snapshot), session.next.in_view, "next"
         if session.ghost.seen:
-            then, kind = session.ghost.q, "looked"
+            then, kind = session.ghost.q, NEAREST if session.ghost.label == NEAREST else "looked"
         now, known, _ = source.partition(";")
         now = now if known else "now"  # "unknown; drawn where Enable would put it"
         unknown = now.startswith("unknown")  # what is drawn then is nobody's pose
@@ -391,7 +392,7 @@ def set_theme(gui: viser.GuiApi, *, dark: bool) -> None:
     gui.configure_theme(dark_mode=dark, show_logo=False, show_share_button=False, brand_color=_BLUE)
 
 
-_THEN = {"next": "next", "looked": "looked at"}
+_THEN = {"next": "next", "looked": "looked at", NEAREST: NEAREST}
 
 
 def where_html(
@@ -405,7 +406,7 @@ def where_html(
     """Joint angles and tool at ``q`` (n,) [rad], under ``now``, and at the next pose; None: there is none.
 
     ``now`` None: nobody knows where the arm is, and ``q`` is only drawn. ``kind``: "next", or "looked" for a
-    pose that is only looked at.
+    pose that is only looked at, or ``NEAREST``.
     """
     columns: list[tuple[str, str, list[str]]] = []
     rows = _figures(robot, q)
@@ -414,7 +415,8 @@ def where_html(
     elif then is None:
         columns.append(("not known", "", ["–"] * len(rows)))
     if then is not None:
-        columns.append((_THEN[kind], f" class='{kind}'", [figure for _, _, figure in _figures(robot, then)]))
+        style = "next" if kind == "next" else "looked"
+        columns.append((_THEN[kind], f" class='{style}'", [figure for _, _, figure in _figures(robot, then)]))
     heads = "".join(f"<th{style}>{escape(head)}</th>" for head, style, _ in columns)
     html = f"<table aria-label='Joints and tool'><tr><td></td>{heads}</tr>"
     for i, (name, unit, _) in enumerate(rows):

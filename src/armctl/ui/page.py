@@ -105,6 +105,7 @@ class Page:
             self.session.spawn(self._fit())
             self.session.on_part_value("window", self._on_window)
             self.session.on_phone = self._window[0] < _PHONE_PX
+            self.client.gui.set_panel_label(self._robots.console.robot.title)  # of the sheet on a phone
             with self._content(_FIRST):
                 self._always = ControlBar(self.session)
             self._tool, self._timeline = DraggedTool(self.session), Timeline(self.session)

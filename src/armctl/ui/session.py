@@ -203,7 +203,7 @@ class Session:
         if not (snapshot.control.operates(self.me) or self.console.controller.ended):
             if snapshot.control.party(self.me) is None and not snapshot.unreachable:
                 return "this page has just come; wait a moment"
-            return f"this page is watching, {self.operator} operates; press 'Take control' first"
+            return "this page is watching; press 'Take control' first"
         if arm is None:
             return None
         if snapshot.unreachable:

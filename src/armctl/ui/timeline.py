@@ -51,7 +51,7 @@ class Track:
 
     def curves(self, times: FloatArray) -> Curves:
         """It as it is drawn, at ``times`` (k,) [s]."""
-        colors = [color_of(i) for i in range(len(self.names))]
+        colors = [color_of(i, name) for i, name in enumerate(self.names)]
         lines = tuple(map(PlotLine, self.names, self.values.T, colors))
         sides = zip(self.bounds or (), (False, True), strict=False)
         bounds = (Bound(self.nearest, value, colors[self.line], is_upper) for value, is_upper in sides)

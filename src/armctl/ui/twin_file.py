@@ -307,17 +307,18 @@ def _graph(
         f"<text x='{x(tick):.1f}' y='{_HEIGHT - 4}' text-anchor='middle'>{_number(tick)}</text>"
         for tick in _ticks(0.0, end, 6)
     ]
-    for i, line in enumerate(values):
+    colors = [color_of(i, name) for i, name in enumerate(names)]
+    for line, color in zip(values, colors, strict=True):
         points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x(time[keep]), y(line[keep]), strict=True))
         parts.append(
-            f"<polyline points='{points}' fill='none' stroke='{color_of(i)}' stroke-width='1.5' "
+            f"<polyline points='{points}' fill='none' stroke='{color}' stroke-width='1.5' "
             "stroke-linejoin='round'/>"
         )
     parts.append(
         f"<path class='now' d='M0 {_TOP}v{tall}' stroke='#212529' transform='translate({_LEFT} 0)'/>"
     )
     legend = "".join(
-        f"<span><span style='color:{color_of(i)}'>■</span> {escape(name)} "
+        f"<span><span style='color:{colors[i]}'>■</span> {escape(name)} "
         f"<b data-column='{column + i}'></b></span>"
         for i, name in enumerate(names)
     )

@@ -22,6 +22,8 @@ from armctl.ui.scene.arm_model import ARM, ArmFigure, add_solid, arm_model
 LOOKED_AT, _OPACITY = (217, 115, 13), 0.35
 THICKER = 1.08
 """A ghost is this much thicker than the arm: where both are in one place, equal surfaces would flicker."""
+NEAREST = "nearest"
+"""what stands beside the ghost of a target that is out of reach"""
 SAME_RAD = 1e-4
 """a pose that is no farther off is the one where the arm stands"""
 
@@ -51,6 +53,8 @@ class Ghost:
         self.tab: str | None = None
         """the label of the tab that is open; None: not known"""
         self._words: str | None = None
+        self.label: str | None = None
+        """what is written beside it, where that is not the label of the owner's tab"""
         self._lost: Callable[[], None] | None = None
 
     @property
@@ -109,7 +113,7 @@ class Ghost:
         self._figure.pose(q, opening)
         self._figure.carry(part)
         self._figure.say(words if label is None else label)
-        self._words = words
+        self._words, self.label = words, label
         self._show_in_view()
 
     def hide(self, owner: object = None) -> None:
@@ -126,6 +130,7 @@ class Preview:
     def __init__(self, ghost: Ghost, words: str | None, label: str | None = None) -> None:
         """``words``: the label of the screen's tab; None: it has none. ``label``: as in ``Ghost.show``."""
         self._ghost, self._words, self._label = ghost, words, label
+        self._said = label
         self._q: FloatArray | None = None
         """(n,) what this screen has shown last [rad]; None: nothing"""
 
@@ -139,13 +144,13 @@ class Preview:
         """Whether another screen shows something, in view, in place of what this one has shown last."""
         return self._q is not None and self._ghost.owner is not self and self._ghost.seen
 
-    def show(self, q: FloatArray, present: FloatArray) -> None:
-        """Show ``q`` (n,) [rad], unless the arm stands there now."""
+    def show(self, q: FloatArray, present: FloatArray, label: str | None = None) -> None:
+        """Show ``q`` (n,) [rad], unless the arm stands there now; ``label``: in place of the usual one."""
         if np.abs(q - present).max() < SAME_RAD:
             self.hide()
         else:
-            self._q = q.copy()
-            self._ghost.show(q, self, self._words, self._label)
+            self._q, self._said = q.copy(), label or self._label
+            self._ghost.show(q, self, self._words, self._said)
 
     def hide(self) -> None:
         """Show nothing, if it is this screen's ghost that is shown."""
@@ -162,7 +167,7 @@ class Preview:
         if np.abs(self._q - present).max() < SAME_RAD:
             self.hide()
         elif not (self.shown or self.taken) and self._words is not None and self._ghost.is_open(self._words):
-            self._ghost.show(self._q, self, self._words, self._label)
+            self._ghost.show(self._q, self, self._words, self._said)
 
 
 async def played(

@@ -11,8 +11,9 @@ import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, UnreachableError
-from armctl.facts import Reason
+from armctl.facts import Reason, Several
 from armctl.facts.angles import DEGREE, to_degrees
+from armctl.facts.reasons import AngleLimit, WrongUnit
 from armctl.kinematics import quaternion_wxyz, roll_pitch_yaw
 from armctl.kinematics.velocity import (
     Freedom,
@@ -264,6 +265,7 @@ PRESENT = "present pose (live)"
 SHOWN = ("angles as reference", "angles added to last position", PRESENT)
 ABOUT = {REFERENCE: "to these angles", LAST: "by these angles, from where it stands"}
 """what each button does, in other words"""
+_ROW_OF = {REFERENCE: "reference", LAST: "last"}
 _NAMED = 5
 """so many joints have their names above their columns"""
 _UNEDITED = "The fields follow the arm until you edit them."
@@ -322,7 +324,7 @@ def goals_html(robot: Robot, now: FloatArray, goals: Mapping[str, FloatArray]) -
     """Where the arm is drawn (n,) [rad], and where each button would send it."""
     head = "".join(_heads(robot)) + "".join(f"<th>{axis}&nbsp;mm</th>" for axis in "XYZ")
     rows = _goal_html(robot, "now", now)
-    for name, how in (("reference", REFERENCE), ("last", LAST)):
+    for how, name in _ROW_OF.items():
         rows += _goal_html(robot, name, goals.get(how))
     return f"<table class=armctl-goal><tr><td></td>{head}</tr>{rows}</table>"
 
@@ -346,11 +348,28 @@ def _goal_html(robot: Robot, name: str, q: FloatArray | None) -> str:
 
 
 def offers_html(why: Mapping[str, str | Reason | None]) -> str:
-    """Why buttons cannot be pressed: once where it is the same, else of each."""
-    told = {how: sentence(reason) for how, reason in why.items() if reason is not None}
+    """Why buttons cannot be pressed: once where it is the same, else by button; limits a line each."""
+    told = dict[str, list[str]]()
+    for how, reason in why.items():
+        for line in [] if reason is None else _lines(reason):
+            told.setdefault(line, []).append(how)
     if not told:
         return NO_REASON
-    if len(told) == len(why) and len(set(told.values())) == 1:
-        return why_html(escape(next(iter(told.values()))))
-    lines = (f"{how.removeprefix('Go ').capitalize()}: {said}" for how, said in told.items())
-    return why_html("".join(f"<div>{escape(line)}</div>" for line in lines))
+    if list(told.values()) == [list(why)] and not any(map(_of_limits, why.values())):
+        return why_html(escape(next(iter(told))))
+    rows = "".join(
+        f"<tr><td>{'both' if len(hows) == len(why) else _ROW_OF[hows[0]]}</td><td>{escape(line)}</td></tr>"
+        for line, hows in told.items()
+    )
+    return why_html(f"<table class=armctl-outside>{rows}</table>")
+
+
+def _of_limits(why: str | Reason | None) -> bool:
+    return isinstance(why, Several) and any(isinstance(one, AngleLimit) for one in why.reasons)
+
+
+def _lines(why: str | Reason) -> list[str]:
+    """A line for each limit; that pages count in degrees needs no word here."""
+    if isinstance(why, Several) and _of_limits(why):
+        return [sentence(one) for one in why.reasons if not isinstance(one, WrongUnit)]
+    return [sentence(why)]

@@ -110,7 +110,7 @@ class ForwardScreen:
             self._why_not.show(offers_html({how: offer.why for how, offer in self._offers.items()}))
             self._draw(snapshot)
 
-    def _outside(self, how: str, snapshot: Snapshot) -> str | None:
+    def _outside(self, how: str, snapshot: Snapshot) -> Reason | None:
         """Why the limits keep the arm from where a button would send it; half typed is told elsewhere."""
         if self._coupling.unmet is not None or self._coupling.computing:
             return None
@@ -121,7 +121,7 @@ class ForwardScreen:
         try:
             self._robot.check_limits(resulting_pose(how, asked, self._last_known.standing(snapshot)))
         except ArmctlError as refusal:
-            return str(refusal)
+            return refusal.reason
         return None
 
     def _how(self) -> Movement:

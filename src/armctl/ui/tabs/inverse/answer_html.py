@@ -30,14 +30,14 @@ def notice_html(robot: Robot, found: RankedSolutions) -> str:
     if not solutions.success:
         nearest = solutions.nearest_m
         floor = "" if nearest is None else _floor_note(robot, "The nearest point", nearest)
-        return strong("No solution") + why_not + floor
+        return why_not + floor
     text = _floor_note(robot, "The point", solutions.target.position)
     if best is None:
         return why_not + text
     if found.why_not:
         nearest = _in_one_line(numbers(robot.shown(best).tolist(), 3))
         text = f"<div>the nearest that was found: {nearest}</div>" + text
-        return strong("No solution in that orientation") + why_not + text
+        return strong(f"{_NONE} in that orientation") + why_not + text
     text += way_html(found.way_refused)
     if found.instead is not None:
         text += (
@@ -178,6 +178,7 @@ _WAYS_TOLD = (
     "added up; a slow joint's count for more. Then the load: what they bear there, all together."
 )
 _BEST_TOLD = "{0} may have many angles here: a card is the best of them, the curve shows the others."
+_NONE = "No solution"
 _FEW_JOINTS = 5
 """so many angles stand beside each other with a decimal on a narrow card"""
 _FEW_WAYS = 4
@@ -193,10 +194,10 @@ _ALONG = 1e-6
 
 
 def count_html(found: RankedSolutions) -> str:
-    """How many ways there are, and what their numbers mean; empty where there is none."""
+    """How many ways there are, and what their numbers mean; or that there is none."""
     ways = found.choices
     if not ways:
-        return ""
+        return "" if found.solutions.success else f"<b>{_NONE}</b>"
     possible = sum(not way.refused for way in ways)
     many = "1 way" if len(ways) == 1 else f"{len(ways)} ways"
     if len(ways) == MOST_WAYS:

@@ -15,7 +15,7 @@ from armctl.protocol import Snapshot
 from armctl.ui.events import Newest, OneAtATime
 from armctl.ui.next_line import Told
 from armctl.ui.next_pose import End, Movement, PoseWriter
-from armctl.ui.scene.ghost import Preview
+from armctl.ui.scene.ghost import NEAREST, Preview
 from armctl.ui.session import Session
 from armctl.ui.tabs.inverse.answer import RankedSolutions, Way, answer, counted, solve
 from armctl.ui.tabs.inverse.answer_html import count_html, details_html, notice_html, ways_html
@@ -356,7 +356,8 @@ class InverseScreen:
         if nearest is None or self._branches.as_ghosts:
             self._looked_at.hide()
         else:
-            self._looked_at.show(nearest, self._session.snapshot.q_command)
+            label = None if found is None or found.solutions.success else NEAREST
+            self._looked_at.show(nearest, self._session.snapshot.q_command, label)
 
     def _show_selected(self) -> None:
         """The selected row is the next pose; of the first one and of none, that of least energy."""

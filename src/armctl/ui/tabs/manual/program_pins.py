@@ -119,8 +119,11 @@ class ProgramPins:
             ball = scene.add_icosphere(f"/program/pin{i}", radius, _COLOR, subdivisions=2, position=pin.point)
             self._nodes.append(ball)
             if i < _MOST_NUMBERED:
-                above = (pin.point[0], pin.point[1], pin.point[2] + 2 * radius)
-                self._nodes.append(scene.add_label(f"/program/number{i}", pin.label, position=above))
+                above = (pin.point[0], pin.point[1], pin.point[2] + radius)
+                number = scene.add_label(
+                    f"/program/number{i}", pin.label, position=above, anchor="bottom-left"
+                )  # it hides no pin
+                self._nodes.append(number)
 
     @property
     def points(self) -> FloatArray:

@@ -260,7 +260,7 @@ def _lines(shown: PlannedMotion, of: str, quantity: str, time: FloatArray, mark:
     if of == "Joints":
         names, values = [joint.title for joint in shown.robot.joints], shown.robot.shown(joints)
     return [
-        PlotLine(f"{mark}{name}", np.interp(time, at, values[:, i], right=np.nan), color_of(i))
+        PlotLine(f"{mark}{name}", np.interp(time, at, values[:, i], right=np.nan), color_of(i, name))
         for i, name in enumerate(names)
     ]
 
