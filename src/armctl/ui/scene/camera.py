@@ -17,6 +17,8 @@ from armctl.ui.scene.stage import front
 
 _IN_FRONT, _BESIDE, _ABOVE = 0.62, 0.72, 0.32
 """the direction from the arm to the camera"""
+_HIGHER = 0.4
+"""by so much more above on a phone"""
 _STRETCHED = 0.75
 """of the reach, to each side: the arm fills the picture, and mostly stays in it"""
 _FILLED = 0.95
@@ -80,7 +82,13 @@ def look_at_arm(
     camera = client.camera
     camera.up_direction = np.array([0.0, 0.0, 1.0])
     camera.position, camera.look_at = place_for(
-        camera, robot, towards_camera(robot, view), beside=beside, shown=shown, picture=picture, sheet=sheet
+        camera,
+        robot,
+        towards_camera(robot, view, sheet=sheet),
+        beside=beside,
+        shown=shown,
+        picture=picture,
+        sheet=sheet,
     )
 
 
@@ -143,12 +151,15 @@ def first_view(robot: Robot, points: FloatArray, fov: float, aspect: float, view
     return framed(points, towards_camera(robot, view), fov, aspect, _FILLED)
 
 
-def towards_camera(robot: Robot, view: str = "Reset") -> FloatArray:
-    """The direction (3,) from the arm to the camera in one of ``VIEWS``; of no length in particular."""
+def towards_camera(robot: Robot, view: str = "Reset", *, sheet: bool = False) -> FloatArray:
+    """The direction (3,) from the arm to the camera in one of ``VIEWS``; of no length in particular.
+
+    ``sheet``: the arm is above the middle of the picture, where it is seen from less far above than that.
+    """
     ahead = front(robot)
     side = np.array([ahead[1], -ahead[0]])
     forward, beside, above = VIEWS[view]
-    return np.array([*(forward * ahead + beside * side), above])
+    return np.array([*(forward * ahead + beside * side), above + _HIGHER * sheet])
 
 
 def in_view(robot: Robot, shown: Sequence[FloatArray] = ()) -> FloatArray:

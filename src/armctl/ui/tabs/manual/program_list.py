@@ -12,7 +12,7 @@ from html import escape
 
 import msgspec
 
-from armctl.facts import Need, State
+from armctl.facts import State
 from armctl.motion.preflight import Finding
 from armctl.program import Program, Step
 from armctl.program.edit import Change, delete, duplicate, move, move_before, places_of, point_in, replace
@@ -362,9 +362,6 @@ class ProgramList:
         name = f"<b>{escape(program.name)}</b> · {count} step{'' if count == 1 else 's'}"
         if progress is None:
             return f"{name}{self._summary(snapshot)}"
-        why = self._session.why_not(Need.PAUSE, snapshot)
-        label = "Resume" if snapshot.state is State.PAUSED else "Pause"
-        name += html.button("pause", label, key=label.lower(), why=why, kind="armctl-pause")
         of = f"step {progress.step + 1} of {progress.steps}, {pass_words(progress)}"
         of += f": {escape(progress.inside)}" if progress.inside else ""
         if running:

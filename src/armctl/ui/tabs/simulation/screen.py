@@ -29,7 +29,7 @@ from armctl.ui.session import Session
 from armctl.ui.tabs.simulation.joint_graph import JointGraph
 from armctl.ui.tabs.simulation.twin import FRAME_S, TwinControl, twin_figure
 from armctl.ui.tabs.simulation.workspace import WorkspaceView
-from armctl.ui.widgets.html import ERROR, WARNING, LiveHtml
+from armctl.ui.widgets.html import ERROR, WARNING, LiveHtml, muted
 from armctl.ui.widgets.number_field import DraggedPoint, EditWatch, field_grid
 
 
@@ -141,7 +141,7 @@ _SIGN_OF_LIFE_S, _PATIENCE_S = 0.3, 1.5
 """While the arm follows, the page is asked for a sign of life this often, and given up after this long."""
 _TARGET_HINT = "Drag the arrows of the target in the 3D view. It begins where the tool is, so nothing jumps."
 _TEXT = {
-    OFF: "Choose who follows a target that you drag in the scene.",
+    OFF: muted("Choose who follows a target that you drag in the scene."),
     TWIN: "Drag the target: <b>the orange twin</b> follows, the arm does not move.",
     ARM: f"<b style='color:{ERROR}'>Drag the target: THE ARM follows at once</b>, at Speed %. STOP ends it.",
 }

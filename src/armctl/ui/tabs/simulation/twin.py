@@ -24,7 +24,7 @@ from armctl.ui.session import Session
 from armctl.ui.tabs.manual.shared_program import SharedProgram
 from armctl.ui.twin_file import LONGEST_S, MOST_STEPS, planned_for_file, program_file, twin_file
 from armctl.ui.widgets.html import LiveHtml, muted
-from armctl.ui.widgets.number_field import button_pairs
+from armctl.ui.widgets.number_field import button_pairs, in_row
 
 FRAME_S = 1 / 30
 _LINGER_S = 2.0
@@ -66,7 +66,8 @@ class TwinControl:
         self._bar = gui.add_progress_bar(0.0, visible=False)
         session.needs(None, start, also=lambda _: self._no_steps(), anyone=True)
         session.needs(None, stop, also=lambda _: None if self._playing else _NO_TWIN, told=False, anyone=True)
-        self._export = gui.add_button("Export", icon=viser.Icon.DOWNLOAD, color="gray")
+        with in_row(gui, "As a web page"):
+            self._export = gui.add_button("Export", icon=viser.Icon.DOWNLOAD, color="gray")
         self._export_text = LiveHtml(gui, visible=False)
         self._share: float | None = None
         """how much of an export is done; None: none is made"""
