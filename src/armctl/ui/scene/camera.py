@@ -81,14 +81,9 @@ def look_at_arm(
     """See the arm by one of ``VIEWS``, at once; the rest as ``place_for``."""
     camera = client.camera
     camera.up_direction = np.array([0.0, 0.0, 1.0])
+    away = towards_camera(robot, view, sheet=sheet)
     camera.position, camera.look_at = place_for(
-        camera,
-        robot,
-        towards_camera(robot, view, sheet=sheet),
-        beside=beside,
-        shown=shown,
-        picture=picture,
-        sheet=sheet,
+        camera, robot, away, beside=beside, shown=shown, picture=picture, sheet=sheet
     )
 
 
