@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 from axe_playwright_python.sync_playwright import Axe
-from tests.browser.kit import Screen
+from tests.browser.kit import Screen, Screens
 from tests.browser.served_arm import HOME, ServedArm
 
 from armctl.facts import State
@@ -117,3 +117,35 @@ def test_axe_finds_nothing_serious_on_any_tab_in_either_theme_and_the_keyboard_a
     page.wait_until(
         lambda: bool(abs(served.tool_mm - [220, -60, 100]).max() < 0.01), "the tool is at the point"
     )
+
+
+_FILLED = """() => [...document.querySelectorAll("#root .mantine-Button-root, armctl-part button")]
+  .filter((one) => {
+    const off = one.disabled || one.ariaDisabled === "true" || !one.checkVisibility({visibilityProperty: true});
+    return !off && getComputedStyle(one).backgroundColor === "rgb(24, 100, 171)";
+  }).map((one) => one.textContent.trim())"""
+
+
+def test_of_all_buttons_one_is_filled_at_most(page: Screen, screens: Screens, served: ServedArm) -> None:
+    """What is to be done next: Enable, Go, Take control, or else what a tab is for."""
+
+    def filled(page: Screen, inverse: str) -> None:
+        for tab in (one.label for one in TABS):
+            page.open_tab(tab)
+            expected = [inverse] if tab == "Inverse" else None
+            page.wait_until(
+                lambda expected=expected: expected in (None, page.page.evaluate(_FILLED)), f"{tab}: {inverse}"
+            )
+            assert len(page.page.evaluate(_FILLED)) <= 1, tab
+
+    filled(page, "Solve")
+    page.open_tab("Manual", "Joints")
+    page.slide("Base °", 0.7)
+    page.wait_until(lambda: page.is_enabled("Go"), "there is a next pose")
+    filled(page, "Go")
+    watcher = screens(served.url)
+    filled(watcher, "Take control")
+    page.click("Forget the next pose")
+    served.order(Release()).result(10)
+    served.wait_for(page, State.OFF)
+    filled(page, "Enable")
