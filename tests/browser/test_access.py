@@ -121,8 +121,9 @@ def test_axe_finds_nothing_serious_on_any_tab_in_either_theme_and_the_keyboard_a
 
 _FILLED = """() => [...document.querySelectorAll("#root .mantine-Button-root, armctl-part button")]
   .filter((one) => {
-    const off = one.disabled || one.ariaDisabled === "true" || !one.checkVisibility({visibilityProperty: true});
-    return !off && getComputedStyle(one).backgroundColor === "rgb(24, 100, 171)";
+    const seen = one.checkVisibility({visibilityProperty: true});
+    const on = seen && !one.disabled && one.ariaDisabled !== "true";
+    return on && getComputedStyle(one).backgroundColor === "rgb(24, 100, 171)";
   }).map((one) => one.textContent.trim())"""
 
 

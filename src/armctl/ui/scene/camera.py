@@ -193,6 +193,7 @@ class View:
         self._page, self._robot = page, robot
         self._camera = page.client.camera
         self._left_at: Place = self._camera.position, self._camera.look_at
+        self._beside: tuple[Robot, float] | None = None
         self._outside: FloatArray | None = None
         """(n,) what stood outside when that was looked at last [rad]"""
         self._moves = False
@@ -211,7 +212,7 @@ class View:
             page.client, self._robot, view,
             beside=beside, shown=page.on_stage, picture=picture, sheet=page.on_phone,
         )  # fmt: skip
-        self._left_at = self._camera.position, self._camera.look_at
+        self._left_at, self._beside = (self._camera.position, self._camera.look_at), beside
 
     def misses(self, q: FloatArray | None) -> bool:
         """Whether a ghost at ``q`` (n,) [rad] is in part outside of a picture that a person chose.
@@ -243,12 +244,16 @@ class View:
         return off > _AS_LEFT * float(np.linalg.norm(position - look_at))
 
     async def _take_in(self) -> None:
-        page, camera, (position, look_at) = self._page, self._camera, self._left_at
-        to = place_for(camera, self._robot, position - look_at, shown=page.on_stage, sheet=page.on_phone)
+        page, camera, left_at = self._page, self._camera, self._left_at
+        position, look_at = left_at
         try:
+            to = place_for(
+                camera, self._robot, position - look_at,
+                beside=self._beside, shown=page.on_stage, sheet=page.on_phone,
+            )  # fmt: skip
             for i in range(1, _FRAMES + 1):
                 part = i / _FRAMES * (2 - i / _FRAMES)  # it slows down
-                if page.closed:
+                if page.closed or self._left_at is not left_at:  # somebody looks from elsewhere
                     return
                 with page.client.atomic():
                     camera.position = position + part * (to[0] - position)
