@@ -63,7 +63,7 @@ class DrawingForm:
         written = gui.add_form(None)
         with written:
             self._text = gui.add_text("Or write", "", hint="A name or a line of text, 20 mm high.")
-        with in_row(gui):
+        with in_row(gui, " "):
             write = gui.add_button("Write this", icon=viser.Icon.PENCIL, color="gray")
         self._said = LiveHtml(gui)
         self._steps.append(LiveHtml(gui))

@@ -162,7 +162,7 @@ class JogControl:
                 self._slider = GripperSlider(session)
                 self._part = gui.add_text("Part mm", _part_text(session.snapshot.part_mm), hint=_PART_HINT)
                 self._watch = EditWatch([TextEntry(self._part)])
-                with in_row(gui):
+                with in_row(gui, " "):
                     move = gui.add_button("Set gripper")
                 self._opening = session.needs(Need.GRIPPER, move, hint=_ENDS)
             session.on(move.on_click, self._on_gripper)
