@@ -351,6 +351,8 @@ CONTRACT = {
         "width:`20em`",
         "height:`3.5em`",
         "`Notifications`",
+        "`Notification`",
+        "`upload-`",
     ),
     "viser_file.css": ("scene tree",),
 }
