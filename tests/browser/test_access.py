@@ -12,7 +12,7 @@ from tests.browser.served_arm import HOME, ServedArm
 
 from armctl.facts import State
 from armctl.program import MoveStep, PointStep
-from armctl.protocol import Release
+from armctl.protocol import Release, SetSpeed
 from armctl.ui.tabs import TABS
 
 pytestmark = pytest.mark.browser
@@ -128,16 +128,14 @@ _FILLED = """() => [...document.querySelectorAll("#root .mantine-Button-root, ar
 
 
 def test_of_all_buttons_one_is_filled_at_most(page: Screen, screens: Screens, served: ServedArm) -> None:
-    """What is to be done next: Enable, Go, Take control, or else what a tab is for."""
+    """What is to be done next: Enable, Go, Resume, Take control, or else what a tab is for."""
 
     def filled(page: Screen, inverse: str) -> None:
-        for tab in (one.label for one in TABS):
-            page.open_tab(tab)
-            expected = [inverse] if tab == "Inverse" else None
-            page.wait_until(
-                lambda expected=expected: expected in (None, page.page.evaluate(_FILLED)), f"{tab}: {inverse}"
-            )
-            assert len(page.page.evaluate(_FILLED)) <= 1, tab
+        for tab in TABS:
+            page.open_tab(tab.label)
+            assert len(page.page.evaluate(_FILLED)) <= 1, tab.label
+        page.open_tab("Inverse")
+        page.wait_until(lambda: page.page.evaluate(_FILLED) == [inverse], f"{inverse} alone is filled")
 
     filled(page, "Solve")
     page.open_tab("Manual", "Joints")
@@ -146,6 +144,14 @@ def test_of_all_buttons_one_is_filled_at_most(page: Screen, screens: Screens, se
     filled(page, "Go")
     watcher = screens(served.url)
     filled(watcher, "Take control")
+    served.order(SetSpeed(0.05)).result(10)
+    page.click("Go")
+    served.wait_for(page, State.MOVING)
+    page.click("Pause")
+    served.wait_for(page, State.PAUSED)
+    filled(page, "Resume")
+    page.click("STOP")
+    served.wait_for(page, State.HOLDING)
     page.click("Forget the next pose")
     served.order(Release()).result(10)
     served.wait_for(page, State.OFF)

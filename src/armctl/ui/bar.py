@@ -56,6 +56,8 @@ _BLUE = (24, 100, 171)
 _FITS = 28
 """letters of a cause that a phone has room for below the state"""
 _BAR, _ALERTS, _WHERE = "bar", "alerts", "where"
+_PRIMARY = "primary"
+"""the one thing to do while the arm is off or paused, or the page watches: no other button is filled then"""
 _SHOW_ALL = (
     f"<p>{button('show-all', 'Show all', icon='all', title='A part of the ghost is outside the picture')}</p>"
 )
@@ -142,7 +144,7 @@ class ControlBar:
             f"<span title='{escape(cause)}'>{escape(with_minus(said))}</span></div>"
         )
         fault = snapshot.state is State.FAULT and snapshot.board is not None and not snapshot.unreachable
-        on = button("enable", "Enable", why=self._enabling.why_not(snapshot))
+        on = button("enable", "Enable", why=self._enabling.why_not(snapshot), kind=_PRIMARY)
         asks = self._releasing.asked
         off = button(
             "release",
@@ -157,7 +159,8 @@ class ControlBar:
         else:
             resumes = snapshot.state is State.PAUSED
             key, label = ("resume", "Resume") if resumes else ("pause", "Pause")
-            hold = button("pause", label, key=key, why=session.why_not(Need.PAUSE, snapshot))
+            why, kind = session.why_not(Need.PAUSE, snapshot), _PRIMARY if resumes else ""
+            hold = button("pause", label, key=key, why=why, kind=kind)
         others = len(snapshot.control.parties) - (snapshot.control.operator is not None)
         second = f"<span>{others} watching</span>" if others else "<span></span>"
         if not session.operates:
@@ -340,7 +343,7 @@ class AskingButton:
 def take_html(operator: str, *, asks: bool) -> str:
     """The button by which a page that watches takes control; once pressed it asks, and is pressed again."""
     question = f"Take it from {operator}? Press again" if asks else ""
-    return button("take", "Take control", kind="asks" if asks else "", asks=question)
+    return button("take", "Take control", kind="asks" if asks else _PRIMARY, asks=question)
 
 
 def way_out(snapshot: Snapshot) -> str:
