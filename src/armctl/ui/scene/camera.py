@@ -149,7 +149,7 @@ def first_view(robot: Robot, points: FloatArray, fov: float, aspect: float, view
 def towards_camera(robot: Robot, view: str = "Reset", *, sheet: bool = False) -> FloatArray:
     """The direction (3,) from the arm to the camera in one of ``VIEWS``; of no length in particular.
 
-    ``sheet``: the arm is above the middle of the picture, where it is seen from less far above than that.
+    ``sheet``: from higher, as an arm above the middle of the picture is seen from lower than its middle is.
     """
     ahead = front(robot)
     side = np.array([ahead[1], -ahead[0]])
